@@ -1,0 +1,66 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "baker/math/vec.h"
+#include "baker/scene/scene.h"
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// A vertex of the atlas: a vertex of the scene at one place on its page. A scene vertex on a seam
+/// between charts appears once per chart.
+struct AtlasVertex {
+  std::uint32_t scene_vertex = 0;
+  Vec2 uv;  ///< texels on the page, (0,0) = outer corner of the top left texel
+};
+
+/// A connected piece of surface laid flat, bounded by seams.
+struct Chart {
+  std::uint32_t instance = 0;
+  std::uint32_t page = 0;
+  Vec2 min, max;  ///< bounds in texels
+};
+
+/// Where each instance lies, for the manifest.
+struct InstancePlacement {
+  std::uint32_t page = 0;
+  bool uses_source_uv = false;
+  Vec2 scale{1, 1}, offset{0, 0};  ///< page uv (0..1) = source TEXCOORD_1 * scale + offset
+  std::string reason;              ///< why TEXCOORD_1 was not used
+};
+
+/// The map from surface to pages. Immutable once built.
+struct Atlas {
+  std::uint32_t page_size = 0;
+  std::uint32_t page_count = 0;
+  float texels_per_metre = 0;  ///< median over the surface
+  std::vector<AtlasVertex> vertices;  ///< those of part k: [part_first_vertex[k], [k+1])
+  std::vector<std::uint32_t> part_first_vertex;  ///< parts + 1 entries
+  std::vector<std::array<std::uint32_t, 3>> triangles;  ///< parallel to Scene::triangles
+  std::vector<std::uint32_t> triangle_chart;            ///< parallel to Scene::triangles
+  std::vector<Chart> charts;
+  std::vector<InstancePlacement> placements;  ///< parallel to Scene::instances
+
+  std::uint32_t page_of(std::uint32_t triangle) const {
+    return charts[triangle_chart[triangle]].page;
+  }
+  /// Page coordinates, in texels, of a point on a triangle.
+  Vec2 uv_at(std::uint32_t triangle, Bary t) const {
+    const auto& v = triangles[triangle];
+    return vertices[v[0]].uv * (1 - t.u - t.v) + vertices[v[1]].uv * t.u +
+           vertices[v[2]].uv * t.v;
+  }
+};
+
+/// Uses TEXCOORD_1 where it is a valid lightmap parameterisation, unwraps otherwise.
+/// Errors: `invalid_lightmap_uv` (unwrap = existing), `atlas_full`, `canceled`.
+proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&,
+                                   std::stop_token = {});
+
+}  // namespace kiln::baker

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <stop_token>
+#include <vector>
+
+#include "baker/atlas/atlas.h"
+#include "baker/math/vec.h"
+#include "baker/scene/scene.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// A half-open run of texel indices.
+struct TexelRange {
+  std::uint32_t begin = 0, end = 0;
+  std::uint32_t size() const { return end - begin; }
+};
+
+/// A point inside a texel's footprint, always within its triangle.
+struct SamplePoint {
+  std::uint32_t triangle = 0;
+  std::uint16_t u = 0, v = 0;  ///< barycentric, in units of 1/65535, u + v <= 65535
+
+  Bary bary() const { return {float(u) * (1 / 65535.f), float(v) * (1 / 65535.f)}; }
+};
+
+/// What the solvers know of the surface: one entry per texel that any triangle touches, in planes
+/// [RTRad 4.5.2, 4.6]. Texels are sorted by page, then by 8x8 block, then by row, so that a run of
+/// indices is a compact patch of surface. Immutable once built.
+///
+/// The first `front_count` texels lie on pages. Texels of double-sided surfaces have a twin for the
+/// back in [front_count, size): same place, opposite normals; it takes part in transport but not in
+/// the page.
+struct TextureGroup {
+  static constexpr std::uint32_t kPointsPerTexel = 16;
+
+  struct Page {
+    std::uint32_t width = 0, height = 0;
+    std::vector<std::int32_t> texel_at;  ///< row-major, row 0 = top; -1: empty
+  };
+  std::vector<Page> pages;
+  std::uint32_t front_count = 0;
+
+  std::vector<Vec3> position;          ///< m: a point of the surface near the footprint's centroid
+  std::vector<Vec3> geometric_normal;  ///< unit
+  std::vector<Vec3> shading_normal;    ///< unit
+  std::vector<Rgb> albedo;             ///< mean over the footprint, capped at kMaxAlbedo
+  std::vector<Rgb> emission;           ///< cd/m2, mean over the footprint
+  std::vector<float> area_m2;          ///< world area of the covered part; sums to the surface's
+  std::vector<float> coverage;         ///< covered share of the texel's square, (0, 1]
+  std::vector<std::uint32_t> triangle; ///< the one that covers most
+  std::vector<std::uint32_t> chart;
+  std::vector<std::uint16_t> page;
+  std::vector<std::uint16_t> x, y;     ///< on the page
+  std::vector<std::int32_t> back;      ///< the back's texel, -1 for one-sided surfaces and for backs
+  /// Stratified by area over the covered footprint, all of the texel's own chart. Equal weights.
+  std::vector<SamplePoint> points;     ///< kPointsPerTexel per texel
+
+  std::uint64_t albedo_capped = 0;     ///< texels that the cap changed
+
+  std::uint32_t size() const { return static_cast<std::uint32_t>(position.size()); }
+  bool is_back(std::uint32_t texel) const { return texel >= front_count; }
+  std::span<const SamplePoint> points_of(std::uint32_t texel) const {
+    return {points.data() + std::size_t(texel) * kPointsPerTexel, kPointsPerTexel};
+  }
+};
+
+/// Rasterises the atlas: exact clipping of triangles against texel squares, so that a texel which a
+/// triangle only touches is included. A texel that several charts touch belongs to the one that
+/// covers most of it.
+proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {});
+
+}  // namespace kiln::baker

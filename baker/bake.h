@@ -1,0 +1,54 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "baker/atlas/texture_group.h"
+#include "baker/exec/thread_pool.h"
+#include "baker/scene/import.h"
+#include "baker/solver/lightmap.h"
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+#include "proto/job.h"
+#include "proto/manifest.h"
+
+namespace kiln::baker {
+
+/// A bake after some pass: what a preview shows. Shared and immutable.
+struct Snapshot {
+  std::shared_ptr<const TextureGroup> texels;
+  std::shared_ptr<const Lightmap> light;
+  std::uint32_t pass = 0;
+};
+
+/// Told of a bake's course. Called from the thread that called bake(), or from pool threads for
+/// on_progress; must return quickly and must not throw.
+class BakeObserver {
+ public:
+  virtual ~BakeObserver() = default;
+  virtual void on_stage(const std::string& /*name*/) {}
+  virtual void on_progress(const proto::JobProgress&) {}  ///< any thread; at most 20 per second
+  virtual void on_pass(const proto::PassReport&) {}
+  virtual void on_snapshot(Snapshot) {}
+  virtual void on_warning(const proto::Warning&) {}
+};
+
+struct BakeInput {
+  SceneFiles files;
+  proto::BakeSettings settings;
+  ImportLimits limits;
+  std::filesystem::path output_dir;      ///< exists; receives the result files
+  std::filesystem::path checkpoint_dir;  ///< exists, or empty for no checkpoints
+  std::string scene_sha256;
+};
+
+/// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the
+/// same bytes of image whatever the pool's size. Errors: those of the stages, and `canceled` within
+/// a second of a stop request.
+proto::Expected<proto::Manifest> bake(const BakeInput&, ThreadPool&, std::stop_token,
+                                      BakeObserver&);
+
+}  // namespace kiln::baker

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <stop_token>
+#include <string>
+
+#include "baker/scene/scene.h"
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// The files of one upload. `side` is keyed by the name that came with each file; a URI in the glTF
+/// matches the whole name, or else the last path component where exactly one file has it (curl sends
+/// no folders). Nothing outside these files is ever opened.
+struct SceneFiles {
+  std::filesystem::path main;
+  std::map<std::string, std::filesystem::path> side;
+};
+
+/// Limits on what a file may ask for. Checked before memory is taken.
+struct ImportLimits {
+  std::uint64_t file_bytes = 1ull << 30;
+  std::uint64_t json_bytes = 256ull << 20;
+  std::uint32_t nodes = 1'000'000;
+  std::uint32_t node_depth = 256;
+  std::uint64_t vertices = 64'000'000;
+  std::uint64_t triangles = 32'000'000;
+  std::uint64_t image_pixels = 1ull << 28;      ///< of one image
+  std::uint64_t all_image_pixels = 1ull << 29;  ///< of all together
+  std::uint32_t lights = 100'000;
+};
+
+/// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and that
+/// something can be baked. Fast enough for a request (50 MB within a second).
+/// Errors: `invalid_scene` (pointer into the glTF), `unsupported_extension`, `missing_file`,
+/// `nothing_to_bake`, `no_light`, `limit_exceeded`, `canceled`.
+proto::Expected<void> check_scene(const SceneFiles&, const proto::BakeSettings&,
+                                  const ImportLimits& = {}, std::stop_token = {});
+
+/// The whole import, images decoded, lights and sky of the settings added. Same errors, and
+/// `invalid_image`. What is legal but not honoured becomes a Scene::warning.
+proto::Expected<Scene> import_scene(const SceneFiles&, const proto::BakeSettings&,
+                                    const ImportLimits& = {}, std::stop_token = {});
+
+}  // namespace kiln::baker

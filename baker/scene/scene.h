@@ -1,0 +1,135 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "baker/math/vec.h"
+#include "proto/manifest.h"
+
+namespace kiln::baker {
+
+/// Albedo above this would let the Neumann series diverge: capped in every method, and reported.
+inline constexpr float kMaxAlbedo = 0.98f;
+
+enum class Wrap : std::uint8_t { kRepeat, kMirror, kClamp };
+
+/// A decoded image: linear Rec. 709 RGBA, 8 bits of sRGB code per colour channel kept as they came
+/// (decode with srgb_to_linear), row 0 = top. Alpha is linear.
+struct Image {
+  std::uint32_t width = 0, height = 0;
+  std::uint64_t first_texel = 0;  ///< into Scene::image_texels, width*height entries
+};
+
+/// An image seen through a sampler. Bilinear; `nearest` where the glTF asks for it.
+struct Texture {
+  std::int32_t image = -1;  ///< -1: none, reads as 1
+  Wrap wrap_u = Wrap::kRepeat, wrap_v = Wrap::kRepeat;
+  bool nearest = false;
+};
+
+enum class AlphaMode : std::uint8_t { kOpaque, kMask, kBlend };
+
+struct Material {
+  Rgb base_color{1, 1, 1};  ///< linear factor; albedo = factor * texture * COLOR_0
+  Rgb emission;             ///< cd/m2: emissiveFactor * KHR_materials_emissive_strength
+  Texture base_texture, emission_texture;
+  bool double_sided = false;
+  AlphaMode alpha_mode = AlphaMode::kOpaque;
+  float alpha_cutoff = 0.5f;
+  std::int32_t source = -1;  ///< index in the glTF; -1: the default material
+};
+
+/// One glTF primitive under one node: a run of vertices and of triangles. Parts are sorted by
+/// instance; a primitive that holds no triangle (points, lines, all degenerate) has no part.
+struct Part {
+  std::uint32_t instance = 0;
+  std::uint32_t primitive = 0;  ///< index in the glTF mesh
+  std::uint32_t material = 0;   ///< into Scene::materials
+  std::uint32_t first_vertex = 0, vertex_count = 0;  ///< same order as the glTF's accessors
+  std::uint32_t first_triangle = 0, triangle_count = 0;
+  bool has_lightmap_uv = false;  ///< the primitive has TEXCOORD_1
+};
+
+/// A node that carries a mesh.
+struct Instance {
+  std::uint32_t node = 0, mesh = 0;  ///< indices in the glTF
+  std::string name;                  ///< node's, else mesh's name
+  std::uint32_t first_part = 0, part_count = 0;
+};
+
+enum class PunctualType : std::uint8_t { kDirectional, kPoint, kSpot };
+
+/// KHR_lights_punctual, in world space.
+struct PunctualLight {
+  PunctualType type = PunctualType::kPoint;
+  Rgb intensity;       ///< colour * intensity: lx (directional) or cd
+  Vec3 position;       ///< m
+  Vec3 direction{0, 0, -1};  ///< unit, the way the light goes
+  float range = 0;     ///< m; 0: unlimited
+  float cos_inner = 1, cos_outer = 0;  ///< spot cone
+};
+
+/// A one-sided emitting rectangle that is not part of the geometry: it lights, but nothing hits it.
+struct RectLight {
+  Vec3 corner, edge_u, edge_v;  ///< m; emits towards cross(edge_u, edge_v)
+  Rgb radiance;                 ///< cd/m2
+};
+
+/// Everything that a bake reads, in flat arrays of plain data (so that it can be written to a file
+/// and mapped). World space, metres, +Y up, right-handed. Vertex arrays run in parallel. Built once
+/// by import or by a generator, then never changed.
+struct Scene {
+  std::vector<Vec3> positions;
+  std::vector<Vec3> normals;        ///< unit; flat normals were made where the source has none
+  std::vector<Vec2> base_uv;        ///< of the material's base texture, KHR_texture_transform applied
+  std::vector<Vec2> emission_uv;    ///< of the material's emission texture, likewise
+  std::vector<Vec2> lightmap_uv;    ///< TEXCOORD_1; (0,0) where the part has none
+  std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
+
+  /// Vertex indices; counter-clockwise seen from the front (a mirrored node's were swapped).
+  /// No index is out of range, no triangle has zero area or a repeated vertex.
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::vector<std::uint32_t> triangle_part;
+
+  std::vector<Part> parts;
+  std::vector<Instance> instances;
+  std::vector<Material> materials;
+  std::vector<Image> images;
+  std::vector<std::array<std::uint8_t, 4>> image_texels;
+  std::vector<PunctualLight> lights;
+  std::vector<RectLight> rect_lights;
+  Rgb sky;  ///< cd/m2
+
+  std::vector<proto::Warning> warnings;  ///< what import did not honour
+
+  const Material& material_of(std::uint32_t triangle) const {
+    return materials[parts[triangle_part[triangle]].material];
+  }
+};
+
+/// A point on a triangle: p = (1-u-v)*p0 + u*p1 + v*p2, as Embree reports hits.
+struct Bary {
+  float u = 0, v = 0;
+};
+inline Vec3 interpolate(Vec3 a, Vec3 b, Vec3 c, Bary t) {
+  return a * (1 - t.u - t.v) + b * t.u + c * t.v;
+}
+Vec3 position_at(const Scene&, std::uint32_t triangle, Bary);
+/// Unit normal by the right-hand rule over the triangle's vertices.
+Vec3 geometric_normal(const Scene&, std::uint32_t triangle);
+/// Interpolated vertex normal, unit, on the geometric normal's side.
+Vec3 shading_normal(const Scene&, std::uint32_t triangle, Bary);
+float triangle_area(const Scene&, std::uint32_t triangle);  ///< m2
+/// Albedo before the cap: factor * texture * vertex colour, each channel in [0, 1].
+Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
+/// Emitted radiance, cd/m2.
+Rgb emission_at(const Scene&, std::uint32_t triangle, Bary);
+/// Whether any point of the triangle may emit (factor not black).
+bool is_emissive(const Scene&, std::uint32_t triangle);
+
+/// sRGB code value (0..255) to linear (0..1), IEC 61966-2-1.
+float srgb_to_linear(std::uint8_t code);
+
+}  // namespace kiln::baker

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <stop_token>
+
+#include "baker/scene/scene.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+inline constexpr std::uint32_t kNoHit = 0xffffffffu;
+
+/// Sixteen rays, structure of arrays; only the first `count` are traced.
+struct alignas(64) RayPacket {
+  float org_x[16], org_y[16], org_z[16];
+  float dir_x[16], dir_y[16], dir_z[16];
+  float t_far[16];
+  std::uint32_t count = 0;
+
+  void set(std::uint32_t i, Vec3 origin, Vec3 direction, float far);
+};
+
+struct alignas(64) HitPacket {
+  std::uint32_t triangle[16];  ///< kNoHit: none
+  float u[16], v[16], t[16];
+  bool back[16];  ///< met from behind
+};
+
+/// The scene's triangles under an Embree BVH. Immutable; callable from many threads.
+class RayScene {
+ public:
+  static proto::Expected<RayScene> build(const Scene&, std::stop_token = {});
+  RayScene(RayScene&&) noexcept;
+  RayScene& operator=(RayScene&&) noexcept;
+  ~RayScene();
+
+  /// Closest hits. `coherent` is a promise about the packet, for speed only.
+  void closest(const RayPacket&, HitPacket&, bool coherent = false) const;
+  /// Bit i is set when anything, seen from either side, lies on ray i before t_far.
+  std::uint32_t occluded(const RayPacket&, bool coherent = false) const;
+
+  /// `position` moved off the surface along `geometric_normal` far enough that rays don't meet the
+  /// surface they start on.
+  Vec3 offset_origin(Vec3 position, Vec3 geometric_normal) const;
+
+ private:
+  struct Impl;
+  explicit RayScene(std::unique_ptr<Impl>);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace kiln::proto {
+
+/// Settings of a bake, with their defaults. The JSON names equal the member names
+/// (`solver.samples`); ranges and descriptions live in settings_schema.cpp, which the parser, the
+/// published JSON Schema and the documentation share.
+
+enum class Unwrap {
+  kAuto,      ///< TEXCOORD_1 where it is valid for a lightmap, otherwise unwrap
+  kExisting,  ///< TEXCOORD_1 or the error `invalid_lightmap_uv`
+  kAlways,    ///< ignore TEXCOORD_1
+};
+
+struct AtlasSettings {
+  std::uint32_t page_size = 1024;         ///< texels along one side of a page
+  std::uint32_t max_pages = 8;            ///< error `atlas_full` beyond
+  std::optional<float> texels_per_metre;  ///< null: the density that fills one page
+  Unwrap unwrap = Unwrap::kAuto;
+  std::uint32_t gutter = 4;  ///< empty texels around each chart that we place
+};
+
+enum class Method { kGather, kPath };
+
+struct SolverSettings {
+  Method method = Method::kGather;
+  std::uint32_t bounces = 16;         ///< diffuse bounces after direct light
+  std::uint32_t samples = 256;        ///< indirect directions (gather) or paths (path) per texel
+  std::uint32_t direct_samples = 64;  ///< shadow rays per texel towards area lights (gather)
+  float tolerance = 0.001f;           ///< stop when a bounce changes E by less than this share
+  std::uint64_t seed = 1;             ///< below 2^53, so that JSON keeps it
+};
+
+struct SkySettings {
+  std::array<float, 3> radiance{0, 0, 0};  ///< cd/m2, the same in every direction
+};
+
+enum class LightType { kDirectional, kPoint, kSpot, kRect };
+
+/// A light beside those of the glTF. World space, metres, glTF axes (+Y up).
+struct LightSettings {
+  LightType type = LightType::kPoint;
+  std::array<float, 3> color{1, 1, 1};        ///< linear Rec. 709
+  float intensity = 1;                        ///< lx, cd, cd, cd/m2 by type
+  std::array<float, 3> position{0, 0, 0};     ///< not used by directional
+  std::array<float, 3> direction{0, -1, 0};   ///< where the light goes; not used by point
+  std::optional<float> range;                 ///< m, point and spot; null: unlimited
+  float inner_cone_angle = 0;                 ///< rad, spot
+  float outer_cone_angle = 0.7853982f;        ///< rad, spot
+  float width = 1;                            ///< m, rect
+  float height = 1;                           ///< m, rect
+};
+
+struct PostSettings {
+  std::uint32_t dilate = 4;  ///< texels of padding filled around charts; 0: the whole page
+};
+
+enum class Precision { kHalf, kFloat };
+
+struct OutputSettings {
+  Precision precision = Precision::kHalf;
+  std::vector<std::string> layers{"irradiance"};         ///< irradiance, direct, indirect
+  std::vector<std::string> formats{"exr", "png", "glb"};
+  std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
+};
+
+struct BakeSettings {
+  AtlasSettings atlas;
+  SolverSettings solver;
+  SkySettings sky;
+  std::vector<LightSettings> lights;
+  bool allow_dark = false;  ///< bake a scene without any light instead of the error `no_light`
+  PostSettings post;
+  OutputSettings output;
+};
+
+}  // namespace kiln::proto

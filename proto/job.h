@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+
+namespace kiln::proto {
+
+enum class JobState {
+  kQueued, kPreparing, kRunning, kFinalizing, kCanceling, kSucceeded, kFailed, kCanceled,
+};
+
+constexpr bool is_terminal(JobState s) {
+  return s == JobState::kSucceeded || s == JobState::kFailed || s == JobState::kCanceled;
+}
+
+/// How far a running job is. `done`/`total` count the batches of the current pass.
+struct JobProgress {
+  std::string stage;  ///< "import", "atlas", "solve", "output"
+  std::uint32_t pass = 0;
+  std::uint32_t max_passes = 0;  ///< upper limit: convergence may stop earlier
+  std::uint32_t batches_done = 0, batches_total = 0;
+  double residual = 1;
+  double fraction = 0;  ///< 0..1 over the whole job, never falls
+};
+
+struct Job {
+  std::string id;  ///< job_ + 26 characters of [0-9a-z]
+  JobState state = JobState::kQueued;
+  std::uint32_t attempt = 1;
+  std::uint64_t version = 1;  ///< grows with every change; the ETag
+  std::string scene_sha256;
+  std::uint64_t scene_bytes = 0;
+  BakeSettings settings;
+  std::string created_at, started_at, finished_at;  ///< RFC 3339 UTC, "" when not yet
+  JobProgress progress;
+  std::optional<Error> error;  ///< of a failed job
+};
+
+}  // namespace kiln::proto

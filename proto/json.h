@@ -1,0 +1,46 @@
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+
+#include "proto/bake_settings.h"
+#include "proto/event.h"
+#include "proto/expected.h"
+#include "proto/job.h"
+#include "proto/manifest.h"
+
+/// JSON in and out. The only place where the service's own documents are read or written; glTF is
+/// the scene and output folders' affair.
+namespace kiln::proto {
+
+/// Parses untrusted text: nesting depth <= 64, no duplicate keys, valid UTF-8.
+/// Errors: `invalid_json` (with line and column in the message).
+Expected<nlohmann::json> parse_json(std::string_view text, std::string_view source);
+
+/// Every problem is reported at once, each with its pointer: unknown key (with the nearest known
+/// name), wrong type, out of range, combination that can't be. Errors: `invalid_settings`.
+Expected<BakeSettings> settings_from_json(const nlohmann::json&);
+/// parse_json, then settings_from_json. Empty text means all defaults.
+Expected<BakeSettings> parse_settings(std::string_view text);
+/// "solver.samples=64": sets one value in a settings document. Value: JSON, or a bare word.
+Expected<void> set_by_path(nlohmann::json& settings, std::string_view assignment);
+
+nlohmann::json to_json(const BakeSettings&);  ///< every value, defaults included
+nlohmann::json to_json(const Job&);           ///< with links
+nlohmann::json to_json(const JobProgress&);
+nlohmann::json to_json(const PassReport&);
+nlohmann::json to_json(const Manifest&);
+/// An application/problem+json document (RFC 9457).
+nlohmann::json problem_json(const Error&, int http_status, std::string_view request_id);
+nlohmann::json to_json(const Error&);
+Expected<Error> error_from_json(const nlohmann::json&);
+Expected<Manifest> manifest_from_json(const nlohmann::json&);
+
+const char* to_string(JobState);
+Expected<JobState> job_state_from_string(std::string_view);
+
+/// JSON Schema (2020-12) of the settings object: types, ranges, defaults, descriptions, units.
+nlohmann::json settings_schema();
+
+}  // namespace kiln::proto
