@@ -47,7 +47,7 @@ struct Part {
   std::uint32_t instance = 0;
   std::uint32_t primitive = 0;  ///< index in the glTF mesh
   std::uint32_t material = 0;   ///< into Scene::materials
-  std::uint32_t first_vertex = 0, vertex_count = 0;  ///< same order as the glTF's accessors
+  std::uint32_t first_vertex = 0, vertex_count = 0;  ///< see Scene::source_vertex
   std::uint32_t first_triangle = 0, triangle_count = 0;
   bool has_lightmap_uv = false;  ///< the primitive has TEXCOORD_1
 };
@@ -87,6 +87,11 @@ struct Scene {
   std::vector<Vec2> emission_uv;    ///< of the material's emission texture, likewise
   std::vector<Vec2> lightmap_uv;    ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
+  /// Which element of the glTF primitive's accessors each vertex came from. A part holds the vertices
+  /// that its triangles use and no others, in ascending order of this; where the primitive has no
+  /// normals a source vertex appears once per triangle corner, so that faces are flat. Two faces of
+  /// one part are joined where they share source vertices, not scene vertices.
+  std::vector<std::uint32_t> source_vertex;
 
   /// Vertex indices; counter-clockwise seen from the front (a mirrored node's were swapped).
   /// No index is out of range, no triangle has zero area or a repeated vertex.
