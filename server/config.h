@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace kiln::server {
+
+enum class LogFormat { kText, kJson };
+
+/// How the service runs. Filled from flags, then LIGHTKILN_* variables, then a TOML file, then
+/// these defaults; names, ranges and descriptions live in server/cli/config.cpp. Values in range.
+struct ServerConfig {
+  std::string listen = "127.0.0.1";  ///< address of both ports; loopback unless told otherwise
+  std::uint16_t port = 8080;         ///< API; 0: any free port, which the log names
+  std::uint16_t admin_port = 8081;   ///< /healthz, /readyz; 0: any free port
+  std::filesystem::path data =
+      "lightkiln-data";                         ///< store, uploads and results; created if missing
+  std::uint32_t threads = 0;                    ///< of the bakes; 0: one per processor
+  std::uint32_t http_threads = 16;              ///< of requests; event streams hold none
+  std::uint64_t max_upload_bytes = 1ull << 30;  ///< of one request's body
+  std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
+  std::uint32_t max_running_jobs = 2;
+  std::uint32_t max_queued_jobs = 1000;  ///< beyond: `queue_full`
+  std::uint32_t heartbeat_seconds = 15;  ///< between comments on a silent event stream
+  std::string log_level = "info";        ///< trace, debug, info, warn, error, off
+  LogFormat log_format = LogFormat::kText;
+};
+
+}  // namespace kiln::server
