@@ -57,6 +57,8 @@ struct Instance {
   std::uint32_t node = 0, mesh = 0;  ///< indices in the glTF
   std::string name;                  ///< node's, else mesh's name
   std::uint32_t first_part = 0, part_count = 0;
+  /// The node's transform mirrors: scene triangles list (a, c, b) where the glTF lists (a, b, c).
+  bool mirrored = false;
 };
 
 enum class PunctualType : std::uint8_t { kDirectional, kPoint, kSpot };
