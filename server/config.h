@@ -23,6 +23,7 @@ struct ServerConfig {
   std::uint32_t max_running_jobs = 2;
   std::uint32_t max_queued_jobs = 1000;  ///< beyond: `queue_full`
   std::uint32_t heartbeat_seconds = 15;  ///< between comments on a silent event stream
+  std::uint32_t drain_seconds = 30;      ///< that running jobs get to finish after SIGTERM
   std::string log_level = "info";        ///< trace, debug, info, warn, error, off
   LogFormat log_format = LogFormat::kText;
 };
