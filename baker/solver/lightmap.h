@@ -10,11 +10,16 @@ namespace kiln::baker {
 /// The light on the texels of a TextureGroup, one entry per texel. Also the state that one pass
 /// hands to the next, and so the content of a checkpoint. Irradiance in lx, without albedo.
 struct Lightmap {
-  std::vector<Rgb> direct;      ///< from emitters, punctual lights and sky
+  std::vector<Rgb> direct;      ///< straight from emitters and punctual lights
+  std::vector<Rgb> sky;         ///< straight from the sky
   std::vector<Rgb> indirect;    ///< after one diffuse reflection or more
   std::vector<float> validity;  ///< share of the texel's rays that met no back face, 0..1
 
-  Rgb irradiance(std::uint32_t texel) const { return direct[texel] + indirect[texel]; }
+  Lightmap() = default;
+  explicit Lightmap(std::uint32_t texels)
+      : direct(texels), sky(texels), indirect(texels), validity(texels, 1.f) {}
+
+  Rgb irradiance(std::uint32_t texel) const { return direct[texel] + sky[texel] + indirect[texel]; }
   std::uint32_t size() const { return static_cast<std::uint32_t>(direct.size()); }
 };
 

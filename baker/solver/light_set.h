@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "baker/math/vec.h"
+#include "baker/scene/scene.h"
+
+namespace kiln::baker {
+
+/// One emitting triangle: a part of the scene's surface, or half a RectLight.
+struct AreaLight {
+  Vec3 p0, p1, p2;                    ///< m, counter-clockwise seen from the emitting side
+  Vec3 normal;                        ///< unit
+  float area_m2 = 0;
+  Rgb radiance;                       ///< cd/m2, mean over the triangle
+  std::uint32_t triangle = 0;         ///< of the scene; kNoHit for a RectLight
+  bool two_sided = false;
+};
+
+/// A sampled point of an area light, seen from the receiver.
+struct LightSample {
+  Vec3 direction;     ///< unit, towards the light
+  float distance = 0; ///< m
+  Rgb value;          ///< radiance over the solid-angle density of the direction; 0: nothing seen
+};
+
+/// All light that is sampled explicitly. Immutable.
+class LightSet {
+ public:
+  explicit LightSet(const Scene&);
+
+  const std::vector<AreaLight>& area() const { return area_; }
+  const std::vector<PunctualLight>& punctual() const { return scene_.lights; }
+  /// Share of each area light in the summed luminous power.
+  const std::vector<float>& power_share() const { return power_share_; }
+  bool empty() const { return area_.empty() && scene_.lights.empty() && is_black(scene_.sky); }
+
+  /// Irradiance at `p` from the whole light, unoccluded, if its radiance were its mean: what
+  /// importance is made of. Luminance-weighted, lx.
+  float unoccluded_estimate(const AreaLight&, Vec3 p, Vec3 n) const;
+
+  /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
+  /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
+  LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;
+
+ private:
+  const Scene& scene_;
+  std::vector<AreaLight> area_;
+  std::vector<float> power_share_;
+};
+
+/// Irradiance on a surface facing a punctual light at unit cosine, and the way to it
+/// [KHR_lights_punctual: range window, spot falloff].
+struct PunctualArrival {
+  Vec3 direction;      ///< unit, towards the light
+  float distance = 0;  ///< m; infinite for directional lights
+  Rgb irradiance;      ///< lx at normal incidence
+};
+PunctualArrival arrive(const PunctualLight&, Vec3 at);
+
+}  // namespace kiln::baker

@@ -1,0 +1,85 @@
+#include "baker/solver/sampling.h"
+
+#include <array>
+
+namespace kiln::baker {
+namespace {
+
+float clamped_acos(float x) { return std::acos(std::clamp(x, -1.f, 1.f)); }
+
+/// Angle between two unit vectors, accurate for small angles too.
+float angle_between(Vec3 a, Vec3 b) { return 2 * std::atan2(length(a - b), length(a + b)); }
+
+/// The part of `v` that is orthogonal to the unit vector `axis`, unit.
+Vec3 orthogonal_part(Vec3 v, Vec3 axis) { return normalize(v - axis * dot(v, axis), axis); }
+
+}  // namespace
+
+Vec3 cosine_direction(Vec2 u) {
+  const float a = 2 * u.x - 1, b = 2 * u.y - 1;
+  float r = 0, phi = 0;
+  if (a * a > b * b) {
+    r = a;
+    phi = kPi / 4 * (b / a);
+  } else if (b != 0) {
+    r = b;
+    phi = kPi / 2 - kPi / 4 * (a / b);
+  }
+  const float z2 = 1 - r * r;
+  return {r * std::cos(phi), r * std::sin(phi), std::sqrt(std::max(0.f, z2))};
+}
+
+Vec2 uniform_triangle(Vec2 u) {
+  const float s = std::sqrt(u.x);
+  return {s * (1 - u.y), s * u.y};
+}
+
+SphericalTriangle::SphericalTriangle(Vec3 from, Vec3 p0, Vec3 p1, Vec3 p2)
+    : a(normalize(p0 - from)), b(normalize(p1 - from)), c(normalize(p2 - from)) {
+  // Van Oosterom and Strackee: free of the cancellation in the sum of the three angles.
+  const float numerator = std::abs(dot(a, cross(b, c)));
+  const float denominator = 1 + dot(a, b) + dot(b, c) + dot(c, a);
+  solid_angle = 2 * std::atan2(numerator, denominator);
+}
+
+Vec3 SphericalTriangle::sample(Vec2 u) const {
+  const Vec3 ab = orthogonal_part(b, a), ac = orthogonal_part(c, a);
+  const float alpha = angle_between(ab, ac);
+  const float cos_ab = std::clamp(dot(a, b), -1.f, 1.f);
+  // The sub-triangle of area u.x * solid_angle fixes the point c' on the edge from a to c.
+  const float phi = u.x * solid_angle - alpha;
+  const float s = std::sin(phi), t = std::cos(phi);
+  const float v1 = t - std::cos(alpha), v2 = s + std::sin(alpha) * cos_ab;
+  const float below = (v2 * s + v1 * t) * std::sin(alpha);
+  const float above = (v2 * t - v1 * s) * std::cos(alpha) - v2;
+  const float q = below != 0 ? std::clamp(above / below, -1.f, 1.f) : 1.f;
+  const Vec3 c1 = a * q + ac * std::sqrt(std::max(0.f, 1 - q * q));
+  const float z = 1 - u.y * (1 - dot(c1, b));
+  return normalize(b * z + orthogonal_part(c1, b) * std::sqrt(std::max(0.f, 1 - z * z)), c1);
+}
+
+float triangle_irradiance(Vec3 p, Vec3 n, Vec3 p0, Vec3 p1, Vec3 p2) {
+  // Clip at the horizon: a triangle becomes at most a quadrilateral.
+  const std::array<Vec3, 3> in{p0 - p, p1 - p, p2 - p};
+  std::array<Vec3, 4> v;
+  int count = 0;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3 a = in[i], b = in[(i + 1) % 3];
+    const float ha = dot(a, n), hb = dot(b, n);
+    if (ha >= 0) v[count++] = a;
+    if ((ha < 0) != (hb < 0) && count < 4) v[count++] = a + (b - a) * (ha / (ha - hb));
+  }
+  if (count < 3) return 0;
+  for (int i = 0; i < count; ++i) v[i] = normalize(v[i], n);
+  float sum = 0;
+  for (int i = 0; i < count; ++i) {
+    const Vec3 a = v[i], b = v[(i + 1) % count];
+    const Vec3 axis = cross(a, b);
+    const float sine = length(axis);
+    if (sine <= 1e-12f) continue;
+    sum += clamped_acos(dot(a, b)) * dot(axis, n) / sine;
+  }
+  return std::abs(sum) / 2;
+}
+
+}  // namespace kiln::baker

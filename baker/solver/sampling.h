@@ -1,0 +1,44 @@
+#pragma once
+
+#include "baker/math/vec.h"
+
+namespace kiln::baker {
+
+/// An orthonormal basis around a unit normal [Duff et al., "Building an Orthonormal Basis,
+/// Revisited", JCGT 2017].
+struct Frame {
+  Vec3 x, y, z;
+
+  explicit Frame(Vec3 n) : z(n) {
+    const float sign = std::copysign(1.f, n.z);
+    const float a = -1 / (sign + n.z), b = n.x * n.y * a;
+    x = {1 + sign * n.x * n.x * a, sign * b, -sign * n.x};
+    y = {b, sign + n.y * n.y * a, -n.y};
+  }
+  Vec3 to_world(Vec3 v) const { return x * v.x + y * v.y + z * v.z; }
+};
+
+/// Unit direction about +z with density cosθ/π. Shirley and Chiu's concentric map: it takes
+/// neighbouring squares to compact solid angles.
+Vec3 cosine_direction(Vec2 u);
+
+/// Uniform point of a triangle as weights of its second and third vertex.
+Vec2 uniform_triangle(Vec2 u);
+
+/// A triangle seen from a point, as unit vectors to its corners.
+struct SphericalTriangle {
+  Vec3 a, b, c;
+  float solid_angle = 0;  ///< sr, unsigned
+
+  SphericalTriangle(Vec3 from, Vec3 p0, Vec3 p1, Vec3 p2);
+  /// Unit direction with uniform density 1/solid_angle over the triangle [Arvo, "Stratified
+  /// Sampling of Spherical Triangles", SIGGRAPH 1995].
+  Vec3 sample(Vec2 u) const;
+};
+
+/// Irradiance per unit radiance at `p` with unit normal `n` from a uniform Lambertian triangle,
+/// clipped at the horizon, whichever side it shows [Lambert 1760; Baum et al. 1989, eq. 2]. The
+/// result over π is the view factor from a point.
+float triangle_irradiance(Vec3 p, Vec3 n, Vec3 p0, Vec3 p1, Vec3 p2);
+
+}  // namespace kiln::baker

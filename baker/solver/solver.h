@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "baker/atlas/atlas.h"
+#include "baker/atlas/texture_group.h"
+#include "baker/scene/scene.h"
+#include "baker/solver/light_set.h"
+#include "baker/solver/lightmap.h"
+#include "baker/solver/texel_lookup.h"
+#include "baker/trace/ray_scene.h"
+#include "proto/bake_settings.h"
+#include "proto/manifest.h"
+
+namespace kiln::baker {
+
+/// What every method reads. Outlives the solver; immutable.
+struct SolverInput {
+  const Scene& scene;
+  const Atlas& atlas;
+  const TextureGroup& texels;
+  const RayScene& rays;
+  const LightSet& lights;
+  const TexelLookup& lookup;
+  proto::SolverSettings settings;
+};
+
+/// One sweep over all texels, between two barriers.
+struct Pass {
+  std::string name;
+  std::uint32_t index = 0;         ///< over the whole bake
+  std::uint32_t batch_texels = 256;///< texels in one batch: at most about 50 ms of work
+  std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
+};
+
+/// One light-transport method. A bake calls next(), then run() for ranges that cover every texel
+/// once, then finish(); and so on until next() gives nothing. run() may be called from many threads
+/// at once; the others only between passes. Same pass and range give the same bits on any thread.
+class Solver {
+ public:
+  virtual ~Solver() = default;
+  /// The pass after those reported, or nothing when the light has converged or the limit is reached.
+  virtual std::optional<Pass> next(std::span<const proto::PassReport> done) const = 0;
+  virtual std::uint32_t max_passes() const = 0;
+  /// Called once before the pass's batches, from one thread.
+  virtual void begin(const Pass&, const Lightmap& /*before*/) {}
+  /// Computes the texels of `range` from the light before the pass; writes no others. `after` starts
+  /// as a copy of `before`. Ranges begin at multiples of pass.batch_texels.
+  /// @return rays traced
+  virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
+                            Lightmap& after) = 0;
+  /// After the last pass: adds what the method knows of the passes it left out.
+  /// @return factor on the last update that was added
+  virtual double extrapolate(std::span<const proto::PassReport>, const Lightmap& /*before_last*/,
+                             Lightmap& /*last*/) const {
+    return 0;
+  }
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,152 @@
+#include "baker/trace/ray_scene.h"
+
+#include <embree3/rtcore.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+namespace kiln::baker {
+namespace {
+
+/// The build calls this now and then; returning false ends it.
+bool keep_building(void* stop, double) { return !static_cast<std::stop_token*>(stop)->stop_requested(); }
+
+struct LaneMask {
+  alignas(64) std::int32_t lane[16];
+  explicit LaneMask(std::uint32_t count) {
+    for (std::uint32_t i = 0; i < 16; ++i) lane[i] = i < count ? -1 : 0;
+  }
+};
+
+void load_rays(const RayPacket& in, RTCRay16& out) {
+  std::memcpy(out.org_x, in.org_x, sizeof out.org_x);
+  std::memcpy(out.org_y, in.org_y, sizeof out.org_y);
+  std::memcpy(out.org_z, in.org_z, sizeof out.org_z);
+  std::memcpy(out.dir_x, in.dir_x, sizeof out.dir_x);
+  std::memcpy(out.dir_y, in.dir_y, sizeof out.dir_y);
+  std::memcpy(out.dir_z, in.dir_z, sizeof out.dir_z);
+  std::memcpy(out.tfar, in.t_far, sizeof out.tfar);
+  std::memset(out.tnear, 0, sizeof out.tnear);
+  std::memset(out.time, 0, sizeof out.time);
+  std::memset(out.mask, 0xff, sizeof out.mask);
+  std::memset(out.flags, 0, sizeof out.flags);
+}
+
+RTCIntersectContext make_context(bool coherent) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
+                           : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  return context;
+}
+
+}  // namespace
+
+struct RayScene::Impl {
+  RTCDevice device = nullptr;
+  RTCScene scene = nullptr;
+  float min_offset = 0;  ///< m
+
+  Impl() = default;
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  ~Impl() {
+    if (scene) rtcReleaseScene(scene);
+    if (device) rtcReleaseDevice(device);
+  }
+};
+
+void RayPacket::set(std::uint32_t i, Vec3 origin, Vec3 direction, float far) {
+  org_x[i] = origin.x, org_y[i] = origin.y, org_z[i] = origin.z;
+  dir_x[i] = direction.x, dir_y[i] = direction.y, dir_z[i] = direction.z;
+  t_far[i] = far;
+}
+
+RayScene::RayScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RayScene::RayScene(RayScene&&) noexcept = default;
+RayScene& RayScene::operator=(RayScene&&) noexcept = default;
+RayScene::~RayScene() = default;
+
+proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token stop) {
+  auto impl = std::make_unique<Impl>();
+  // One thread: jobs build side by side on the pool's threads, not on a second pool behind it.
+  impl->device = rtcNewDevice("threads=1");
+  if (!impl->device) throw std::runtime_error("Embree gave no device");
+  impl->scene = rtcNewScene(impl->device);
+  rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
+  const RTCGeometry mesh = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<Vec3*>(
+      rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3),
+                              scene.positions.size()));
+  auto* indices = static_cast<std::array<std::uint32_t, 3>*>(
+      rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                              sizeof(std::uint32_t) * 3, scene.triangles.size()));
+  if (!vertices || !indices) {
+    rtcReleaseGeometry(mesh);
+    throw std::bad_alloc();
+  }
+  std::copy(scene.positions.begin(), scene.positions.end(), vertices);
+  std::copy(scene.triangles.begin(), scene.triangles.end(), indices);
+  rtcCommitGeometry(mesh);
+  rtcAttachGeometryByID(impl->scene, mesh, 0);
+  rtcReleaseGeometry(mesh);
+  rtcSetSceneProgressMonitorFunction(impl->scene, keep_building, &stop);
+  rtcCommitScene(impl->scene);
+  if (stop.stop_requested()) return proto::fail(proto::kCanceled, "The job was canceled.");
+  if (const RTCError error = rtcGetDeviceError(impl->device); error != RTC_ERROR_NONE) {
+    if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
+    throw std::runtime_error("Embree error " + std::to_string(error));
+  }
+  rtcSetSceneProgressMonitorFunction(impl->scene, nullptr, nullptr);
+
+  Vec3 low = scene.positions.front(), high = low;
+  for (const Vec3& p : scene.positions) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
+  }
+  impl->min_offset = max_abs(high - low) * 0x1p-18f;
+  return RayScene(std::move(impl));
+}
+
+void RayScene::closest(const RayPacket& rays, HitPacket& hits, bool coherent) const {
+  RTCRayHit16 query;
+  load_rays(rays, query.ray);
+  std::memset(query.hit.geomID, 0xff, sizeof query.hit.geomID);
+  std::memset(query.hit.instID, 0xff, sizeof query.hit.instID);
+  const LaneMask valid(rays.count);
+  RTCIntersectContext context = make_context(coherent);
+  rtcIntersect16(valid.lane, impl_->scene, &context, &query);
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    const bool hit = query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+    hits.triangle[i] = hit ? query.hit.primID[i] : kNoHit;
+    hits.u[i] = query.hit.u[i];
+    hits.v[i] = query.hit.v[i];
+    hits.t[i] = query.ray.tfar[i];
+    // Embree's normal follows the right-hand rule, as ours does.
+    hits.back[i] = query.hit.Ng_x[i] * rays.dir_x[i] + query.hit.Ng_y[i] * rays.dir_y[i] +
+                       query.hit.Ng_z[i] * rays.dir_z[i] > 0;
+  }
+}
+
+std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
+  RTCRay16 query;
+  load_rays(rays, query);
+  const LaneMask valid(rays.count);
+  RTCIntersectContext context = make_context(coherent);
+  rtcOccluded16(valid.lane, impl_->scene, &context, &query);
+  std::uint32_t blocked = 0;
+  for (std::uint32_t i = 0; i < rays.count; ++i)
+    if (query.tfar[i] < 0) blocked |= 1u << i;
+  return blocked;
+}
+
+Vec3 RayScene::offset_origin(Vec3 position, Vec3 geometric_normal) const {
+  // About 32 ulp of the largest coordinate: below 8 ulp surfaces shadow themselves, and beyond a
+  // fiftieth of a texel contact shadows leak.
+  return position + geometric_normal * std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+}
+
+}  // namespace kiln::baker
