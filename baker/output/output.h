@@ -27,26 +27,33 @@ struct ExrLayer {
   const PageImage* image = nullptr;
 };
 
-/// Writes a tiled, ZIP-compressed OpenEXR file with `metadata` as string attributes. Alpha is the
-/// coverage of lit texels. Half precision needs every value <= 65504 (checked: `internal`).
-/// The bytes depend on the arguments only: no dates, no host names.
+/// Writes a tiled, ZIP-compressed OpenEXR file with `metadata` as string attributes. Alpha is 1 on
+/// lit texels and 0 in padding. Every value must be finite and, in half precision, <= 65504
+/// (checked: `internal`, names the texel). The bytes depend on the arguments only: no dates, no
+/// host names. Errors: `io_error`.
 proto::Expected<void> write_exr(const std::filesystem::path&, std::span<const ExrLayer>,
                                 proto::Precision,
                                 std::span<const std::pair<std::string, std::string>> metadata);
-/// Reads R,G,B (and A as coverage, 1 when absent) of any OpenEXR file. Errors: `invalid_image`.
+/// Reads R,G,B of the first part of any flat OpenEXR file up to 2^27 pixels. Coverage is the alpha
+/// where that is over one half, else 0 (other bakers write partial coverage as alpha); 1 without
+/// alpha. The header is checked before memory is taken. Errors: `invalid_image`.
 proto::Expected<PageImage> read_exr(const std::filesystem::path&);
 
 /// PNG bytes of an 8-bit RGB image.
-proto::Expected<std::string> encode_png(
-    std::span<const std::array<std::uint8_t, 3>>, std::uint32_t width, std::uint32_t height);
+proto::Expected<std::string> encode_png(std::span<const std::array<std::uint8_t, 3>>,
+                                        std::uint32_t width, std::uint32_t height);
 
-/// lit.glb: the source document, everything kept, with a TEXCOORD_1 per instance and the pages'
-/// lightmaps referenced by MX_lightmap (nodes) and MOZ_lightmap (materials).
-/// `page_png`: per page, an LDR image to embed, encoded so that value * `page_scale` = E in lx.
+/// A page as lit.glb embeds it.
 struct LitPage {
-  std::string png;
+  std::string png;  ///< opaque LDR image of linear values: value (0..1) * scale = E in lx
   float scale = 1;
+  std::string exr;     ///< name of the page's EXR beside lit.glb, "" when none is written
+  float exposure = 1;  ///< of the preview
 };
+/// lit.glb: the source document, everything kept, with a TEXCOORD_1 per instance and the pages'
+/// lightmaps referenced by MX_lightmap (nodes) and MOZ_lightmap (materials); one LitPage per page
+/// of the atlas. Self-contained: buffers and images of the upload are embedded. Errors: `io_error`,
+/// and `invalid_scene` where the source changed since it was imported.
 proto::Expected<void> write_lit_glb(const std::filesystem::path&, const SceneFiles&, const Scene&,
                                     const Atlas&, std::span<const LitPage>);
 
@@ -58,8 +65,11 @@ struct OutputInput {
   const TextureGroup& texels;
   const Lightmap& light;
 };
-/// Writes all the files that settings ask for into `dir`, each as a temporary that is renamed when
-/// whole, and fills pages, nodes, files and warnings of `manifest`; manifest.json comes last.
+/// Writes all the files that settings ask for into `dir`, each as a temporary that is flushed and
+/// renamed when whole. Fills pages, nodes, files and warnings of `manifest`, whose other members
+/// must be set before; manifest.json comes last and lists all files but itself, `manifest` lists it
+/// too. A page over 60,000 lx is written as float, with the warning `half_overflow`. Errors:
+/// `internal` (a value that is not finite, with its texel), `io_error`, `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,
                                     std::stop_token);
