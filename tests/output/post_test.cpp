@@ -64,7 +64,7 @@ TEST(ComposePage, RingsCountInTexelsAndNothingIsLitOnAnEmptyPage) {
 TEST(ComposePage, BilinearReadsNeverMeetTheOtherChartFromTwoEmptyTexelsOn) {
   // Charts of awkward shapes, two empty texels apart at the closest.
   const TextureGroup group =
-      draw({"aaaaaaaa", "aa......", "aa..bbbb", "a...bb..", "..b.....", "..bbb..b"});
+      draw({"aaaaaaaa", "aa......", "aa......", "a....bbb", "....b...", "...bbb.b"});
   const auto rows = dilated(group, 0);
   const auto& page = group.pages[0];
   for (int y = 0; y < int(page.height); ++y)
