@@ -10,11 +10,18 @@
 namespace kiln::proto {
 
 enum class JobState {
-  kQueued, kPreparing, kRunning, kFinalizing, kCanceling, kSucceeded, kFailed, kCanceled,
+  kQueued,
+  kPreparing,
+  kRunning,
+  kFinalizing,
+  kCanceling,
+  kSucceeded,
+  kFailed,
+  kCancelled,  ///< "canceled"; the constant kCanceled is the error code of the same name
 };
 
 constexpr bool is_terminal(JobState s) {
-  return s == JobState::kSucceeded || s == JobState::kFailed || s == JobState::kCanceled;
+  return s == JobState::kSucceeded || s == JobState::kFailed || s == JobState::kCancelled;
 }
 
 /// How far a running job is. `done`/`total` count the batches of the current pass.
@@ -38,6 +45,19 @@ struct Job {
   std::string created_at, started_at, finished_at;  ///< RFC 3339 UTC, "" when not yet
   JobProgress progress;
   std::optional<Error> error;  ///< of a failed job
+};
+
+/// What a client reads of a job: everything but the settings, which may be of another version.
+struct JobSummary {
+  std::string id;
+  JobState state = JobState::kQueued;
+  std::uint32_t attempt = 1;
+  std::uint64_t version = 1;
+  std::string scene_sha256;
+  std::uint64_t scene_bytes = 0;
+  std::string created_at, started_at, finished_at;
+  JobProgress progress;
+  std::optional<Error> error;
 };
 
 }  // namespace kiln::proto

@@ -18,6 +18,10 @@ namespace kiln::proto {
 /// Errors: `invalid_json` (with line and column in the message).
 Expected<nlohmann::json> parse_json(std::string_view text, std::string_view source);
 
+/// The document as text, on one line when `indent` is negative. Never throws: what is not UTF-8 (a
+/// client's file name, say) is replaced by U+FFFD.
+std::string to_text(const nlohmann::json&, int indent = -1);
+
 /// Every problem is reported at once, each with its pointer: unknown key (with the nearest known
 /// name), wrong type, out of range, combination that can't be. Errors: `invalid_settings`.
 Expected<BakeSettings> settings_from_json(const nlohmann::json&);
@@ -30,11 +34,22 @@ nlohmann::json to_json(const BakeSettings&);  ///< every value, defaults include
 nlohmann::json to_json(const Job&);           ///< with links
 nlohmann::json to_json(const JobProgress&);
 nlohmann::json to_json(const PassReport&);
+nlohmann::json to_json(const Warning&);
 nlohmann::json to_json(const Manifest&);
-/// An application/problem+json document (RFC 9457).
-nlohmann::json problem_json(const Error&, int http_status, std::string_view request_id);
+
+/// An application/problem+json document (RFC 9457) without a request: what a failed job's `error`
+/// holds, and how the store keeps it. Title and status follow from the code (problems.h).
 nlohmann::json to_json(const Error&);
+/// The same as the answer to a request. `instance` is left out when empty.
+nlohmann::json problem_json(const Error&, int http_status, std::string_view request_id,
+                            std::string_view instance = {});
+
+// Readers: members that are missing or of the wrong type are the error `bad_document`, with their
+// pointers. Unknown members are ignored, for the writer may be newer.
 Expected<Error> error_from_json(const nlohmann::json&);
+Expected<PassReport> pass_report_from_json(const nlohmann::json&);
+Expected<JobProgress> progress_from_json(const nlohmann::json&);
+Expected<JobSummary> job_summary_from_json(const nlohmann::json&);
 Expected<Manifest> manifest_from_json(const nlohmann::json&);
 
 const char* to_string(JobState);

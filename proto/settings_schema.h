@@ -1,0 +1,71 @@
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/bake_settings.h"
+
+/// The one table of settings. The parser, the echo, the published JSON Schema and the documentation
+/// are all made from it; a range is written down nowhere else.
+namespace kiln::proto {
+
+enum class ValueKind {
+  kInteger,
+  kNumber,
+  kBoolean,
+  kChoice,     ///< one word of `choices`
+  kChoices,    ///< a list of different words of `choices`, at least one
+  kVector,     ///< three numbers, each in the range
+  kDirection,  ///< a vector with at least one component beyond kShortest
+};
+
+/// Directions whose components are all within this distance of zero have no usable length in float.
+inline constexpr double kShortest = 1e-6;
+
+/// Upper limit on `lights`.
+inline constexpr std::size_t kMaxLights = 10'000;
+
+/// What a value may be.
+struct SettingSpec {
+  std::string_view path = {};  ///< "solver.bounces"; for lights the plain key
+  ValueKind kind = ValueKind::kNumber;
+  double min = 0, max = 0;  ///< inclusive; of numbers and vector components
+  bool nullable = false;    ///< null: chosen by the baker
+  std::vector<std::string_view> choices = {};
+  std::string_view unit = {};  ///< "" for counts and ratios
+  std::string_view description = {};
+  std::uint32_t used_by = ~0u;  ///< lights: bit 1 << LightType of each type that has the key
+};
+
+/// A row of the table: the specification, and where the value lives in `Owner`.
+template <class Owner>
+struct SettingRow {
+  SettingSpec spec;
+  nlohmann::json (*read)(const Owner&, const SettingSpec&);
+  /// Requires a value that check_value() found nothing wrong with.
+  void (*write)(Owner&, const nlohmann::json&, const SettingSpec&);
+};
+
+/// A group of settings ("solver") and what it is about.
+struct SettingGroup {
+  std::string_view name, description;
+};
+
+const std::vector<SettingGroup>& setting_groups();
+const std::vector<SettingRow<BakeSettings>>& setting_rows();
+const std::vector<SettingRow<LightSettings>>& light_rows();  ///< the first one is `type`
+
+/// What is wrong with the value, in words for a person; nothing when it is fine.
+std::optional<std::string> check_value(const SettingSpec&, const nlohmann::json&);
+
+/// "an integer from 0 to 64", "one of \"gather\", \"path\"", ...
+std::string expectation(const SettingSpec&);
+
+/// JSON Schema of one value, without its default.
+nlohmann::json value_schema(const SettingSpec&);
+
+}  // namespace kiln::proto

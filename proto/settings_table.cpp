@@ -1,0 +1,203 @@
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "proto/json_values.h"
+#include "proto/settings_schema.h"
+
+namespace kiln::proto {
+namespace {
+
+using nlohmann::json;
+using enum ValueKind;
+
+// A member's value as JSON, and back
+// ---------------------------------------------------------------
+
+template <class T>
+json to_value(const T& v, const SettingSpec& spec) {
+  if constexpr (std::is_enum_v<T>) {
+    return std::string(spec.choices.at(static_cast<std::size_t>(v)));
+  } else if constexpr (std::is_same_v<T, float>) {
+    return shortest_number(v);
+  } else if constexpr (std::is_same_v<T, std::optional<float>>) {
+    return v ? json(shortest_number(*v)) : json(nullptr);
+  } else if constexpr (std::is_same_v<T, std::array<float, 3>>) {
+    return json{shortest_number(v[0]), shortest_number(v[1]), shortest_number(v[2])};
+  } else {
+    return v;
+  }
+}
+
+template <class T>
+void from_value(T& out, const json& v, const SettingSpec& spec) {
+  if constexpr (std::is_enum_v<T>) {
+    std::size_t index = 0;
+    while (spec.choices.at(index) != v.get_ref<const std::string&>()) ++index;
+    out = static_cast<T>(index);
+  } else if constexpr (std::is_same_v<T, std::optional<float>>) {
+    out = v.is_null() ? std::nullopt : std::optional<float>(v.get<float>());
+  } else {
+    v.get_to(out);
+  }
+}
+
+/// A row, from its specification and a function that names the member.
+template <class Owner, auto Member>
+SettingRow<Owner> bind(SettingSpec spec) {
+  return {std::move(spec),
+          [](const Owner& o, const SettingSpec& s) { return to_value(Member(o), s); },
+          [](Owner& o, const json& v, const SettingSpec& s) { from_value(Member(o), v, s); }};
+}
+
+template <auto Member>
+SettingRow<BakeSettings> row(SettingSpec spec) {
+  return bind<BakeSettings, Member>(std::move(spec));
+}
+
+template <auto Member>
+SettingRow<LightSettings> light_row(SettingSpec spec) {
+  return bind<LightSettings, Member>(std::move(spec));
+}
+
+constexpr std::uint32_t bit(LightType t) {
+  return 1u << static_cast<std::uint32_t>(t);
+}
+constexpr std::uint32_t kPunctual = bit(LightType::kPoint) | bit(LightType::kSpot);
+constexpr std::uint32_t kPlaced = kPunctual | bit(LightType::kRect);
+constexpr std::uint32_t kAimed =
+    bit(LightType::kDirectional) | bit(LightType::kSpot) | bit(LightType::kRect);
+
+}  // namespace
+
+const std::vector<SettingGroup>& setting_groups() {
+  static const std::vector<SettingGroup> groups{
+      {"atlas", "Where the surfaces lie on the lightmap's pages"},
+      {"solver", "How light is computed"},
+      {"sky", "Light from outside the scene"},
+      {"post", "What happens to a finished page"},
+      {"output", "Which files are written"},
+  };
+  return groups;
+}
+
+// clang-format off
+const std::vector<SettingRow<BakeSettings>>& setting_rows() {
+  static const std::vector<SettingRow<BakeSettings>> rows{
+      row<[](auto& s) -> auto& { return s.atlas.page_size; }>(
+          {.path = "atlas.page_size", .kind = kInteger, .min = 16, .max = 16384, .unit = "texels",
+           .description = "Length of a page's side."}),
+      row<[](auto& s) -> auto& { return s.atlas.max_pages; }>(
+          {.path = "atlas.max_pages", .kind = kInteger, .min = 1, .max = 64, .unit = "pages",
+           .description = "A scene that needs more pages is the error atlas_full."}),
+      row<[](auto& s) -> auto& { return s.atlas.texels_per_metre; }>(
+          {.path = "atlas.texels_per_metre", .kind = kNumber, .min = 1e-6, .max = 1e5,
+           .nullable = true, .unit = "texels/m",
+           .description = "Texel density on surfaces. null: the density that fills one page."}),
+      row<[](auto& s) -> auto& { return s.atlas.unwrap; }>(
+          {.path = "atlas.unwrap", .kind = kChoice, .choices = {"auto", "existing", "always"},
+           .description = "auto: TEXCOORD_1 where it is valid for a lightmap, otherwise an unwrap. "
+                          "existing: TEXCOORD_1, or the error invalid_lightmap_uv. "
+                          "always: unwrap, whatever TEXCOORD_1 holds."}),
+      row<[](auto& s) -> auto& { return s.atlas.gutter; }>(
+          {.path = "atlas.gutter", .kind = kInteger, .min = 0, .max = 64, .unit = "texels",
+           .description = "Empty texels around each chart that is placed by the baker. "
+                          "Twice the gutter must be less than page_size."}),
+      row<[](auto& s) -> auto& { return s.solver.method; }>(
+          {.path = "solver.method", .kind = kChoice, .choices = {"gather", "path"},
+           .description = "gather: direct light by explicit sampling, bounces by gathering from the "
+                          "lightmap of the pass before. path: unbiased path tracing, the slow "
+                          "reference."}),
+      row<[](auto& s) -> auto& { return s.solver.bounces; }>(
+          {.path = "solver.bounces", .kind = kInteger, .min = 0, .max = 64, .unit = "bounces",
+           .description = "Limit on diffuse bounces after direct light."}),
+      row<[](auto& s) -> auto& { return s.solver.samples; }>(
+          {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "samples/texel",
+           .description = "Indirect directions (gather) or paths (path) per texel."}),
+      row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
+          {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
+           .unit = "samples/texel",
+           .description = "Shadow rays per texel towards area lights (gather)."}),
+      row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
+          {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Bouncing stops when a bounce changes the irradiance by less than this "
+                          "share. 0: never before the limit."}),
+      row<[](auto& s) -> auto& { return s.solver.seed; }>(
+          {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
+           .description = "Start of the random numbers. Same scene, settings and seed give the same "
+                          "pixels."}),
+      row<[](auto& s) -> auto& { return s.sky.radiance; }>(
+          {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
+           .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),
+      row<[](auto& s) -> auto& { return s.allow_dark; }>(
+          {.path = "allow_dark", .kind = kBoolean,
+           .description = "Bake a scene without any light instead of the error no_light."}),
+      row<[](auto& s) -> auto& { return s.post.dilate; }>(
+          {.path = "post.dilate", .kind = kInteger, .min = 0, .max = 16384, .unit = "texels",
+           .description = "Padding around charts that is filled from them. 0: the whole page."}),
+      row<[](auto& s) -> auto& { return s.output.precision; }>(
+          {.path = "output.precision", .kind = kChoice, .choices = {"half", "float"},
+           .description = "Numbers of the EXR pages. half: 16 bit; a page brighter than 60000 lx is "
+                          "written as float all the same, with a warning. float: 32 bit."}),
+      row<[](auto& s) -> auto& { return s.output.layers; }>(
+          {.path = "output.layers", .kind = kChoices,
+           .choices = {"irradiance", "direct", "indirect"},
+           .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A."}),
+      row<[](auto& s) -> auto& { return s.output.formats; }>(
+          {.path = "output.formats", .kind = kChoices, .choices = {"exr", "png", "glb"},
+           .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "
+                          "lightmaps attached."}),
+      row<[](auto& s) -> auto& { return s.output.exposure; }>(
+          {.path = "output.exposure", .kind = kNumber, .min = 1e-9, .max = 1e9, .nullable = true,
+           .unit = "1/lx",
+           .description = "Factor on irradiance before the preview's tone curve. null: the 95th "
+                          "percentile of lit texels becomes bright."}),
+  };
+  return rows;
+}
+
+const std::vector<SettingRow<LightSettings>>& light_rows() {
+  static const std::vector<SettingRow<LightSettings>> rows{
+      light_row<[](auto& l) -> auto& { return l.type; }>(
+          {.path = "type", .kind = kChoice, .choices = {"directional", "point", "spot", "rect"},
+           .description = "Kind of light; decides which of the other keys may be there."}),
+      light_row<[](auto& l) -> auto& { return l.color; }>(
+          {.path = "color", .kind = kVector, .min = 0, .max = 1e9,
+           .description = "Linear Rec. 709 factor on intensity."}),
+      light_row<[](auto& l) -> auto& { return l.intensity; }>(
+          {.path = "intensity", .kind = kNumber, .min = 0, .max = 1e9,
+           .unit = "directional: lx; point and spot: cd; rect: cd/m2",
+           .description = "Strength of the light."}),
+      light_row<[](auto& l) -> auto& { return l.position; }>(
+          {.path = "position", .kind = kVector, .min = -1e6, .max = 1e6, .unit = "m",
+           .description = "World position; of a rect its centre.", .used_by = kPlaced}),
+      light_row<[](auto& l) -> auto& { return l.direction; }>(
+          {.path = "direction", .kind = kDirection, .min = -1e6, .max = 1e6,
+           .description = "World direction in which the light goes, of any length.",
+           .used_by = kAimed}),
+      light_row<[](auto& l) -> auto& { return l.range; }>(
+          {.path = "range", .kind = kNumber, .min = 1e-6, .max = 1e9, .nullable = true, .unit = "m",
+           .description = "Distance at which the light has faded to nothing. null: no limit.",
+           .used_by = kPunctual}),
+      light_row<[](auto& l) -> auto& { return l.inner_cone_angle; }>(
+          {.path = "inner_cone_angle", .kind = kNumber, .min = 0, .max = 1.5707964, .unit = "rad",
+           .description = "Angle from the axis up to which the light is at full strength; at most "
+                          "outer_cone_angle.",
+           .used_by = bit(LightType::kSpot)}),
+      light_row<[](auto& l) -> auto& { return l.outer_cone_angle; }>(
+          {.path = "outer_cone_angle", .kind = kNumber, .min = 0, .max = 1.5707964, .unit = "rad",
+           .description = "Angle from the axis at which the light has faded to nothing.",
+           .used_by = bit(LightType::kSpot)}),
+      light_row<[](auto& l) -> auto& { return l.width; }>(
+          {.path = "width", .kind = kNumber, .min = 1e-6, .max = 1e4, .unit = "m",
+           .description = "Length of the rect's horizontal side.",
+           .used_by = bit(LightType::kRect)}),
+      light_row<[](auto& l) -> auto& { return l.height; }>(
+          {.path = "height", .kind = kNumber, .min = 1e-6, .max = 1e4, .unit = "m",
+           .description = "Length of the rect's other side.", .used_by = bit(LightType::kRect)}),
+  };
+  return rows;
+}
+// clang-format on
+
+}  // namespace kiln::proto
