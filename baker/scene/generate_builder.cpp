@@ -1,11 +1,9 @@
 #include "baker/scene/generate_builder.h"
 
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-#define STB_IMAGE_WRITE_STATIC
-#include <stb/stb_image_write.h>
-
 #include <algorithm>
 #include <numeric>
+
+#include "baker/output/output.h"
 
 namespace kiln::baker::generate {
 namespace {
@@ -113,17 +111,10 @@ std::vector<CellRect> pack_charts(const std::vector<Vec2>& sizes_m) {
 std::string make_png(
     std::uint32_t size,
     const std::function<std::array<std::uint8_t, 3>(std::uint32_t, std::uint32_t)>& colour) {
-  std::vector<std::uint8_t> pixels;
+  std::vector<std::array<std::uint8_t, 3>> pixels;
   for (std::uint32_t y = 0; y < size; ++y)
-    for (std::uint32_t x = 0; x < size; ++x)
-      for (const std::uint8_t code : colour(x, y)) pixels.push_back(code);
-  std::string png;
-  const auto append = [](void* context, void* data, int bytes) {
-    static_cast<std::string*>(context)->append(static_cast<const char*>(data), std::size_t(bytes));
-  };
-  const int side = static_cast<int>(size);
-  stbi_write_png_to_func(append, &png, side, side, 3, pixels.data(), side * 3);
-  return png;
+    for (std::uint32_t x = 0; x < size; ++x) pixels.push_back(colour(x, y));
+  return encode_png(pixels, size, size).value();
 }
 
 std::int32_t SceneBuilder::material(std::string name, Rgb base_color, Rgb emission) {
