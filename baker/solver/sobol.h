@@ -65,8 +65,9 @@ inline Vec2 scrambled(SobolPoint p, std::uint32_t seed) {
 /// Padded sampling: sample `index` of the two-dimensional sequence that `seed` names. Two seeds give
 /// sequences in independent order, so any number of pairs may be combined.
 inline Vec2 sample_pair(std::uint32_t index, std::uint32_t seed) {
-  const std::uint32_t shuffled = owen_scramble(reverse_bits(index), hash(seed, 0x68bc21ebu));
-  return scrambled(sobol(reverse_bits(shuffled)), hash(seed, 0x02e5be93u));
+  // Scrambling the index as a fraction keeps aligned blocks together, so every block of a power of
+  // two samples is a net.
+  return scrambled(sobol(owen_scramble(index, hash(seed, 0x68bc21ebu))), hash(seed, 0x02e5be93u));
 }
 
 }  // namespace kiln::baker

@@ -1,0 +1,154 @@
+#include "baker/solver/direct.h"
+
+#include <vector>
+
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker {
+namespace {
+
+constexpr std::uint32_t kTileTexels = 16;
+/// Up to this many lights each texel gets a distribution of its own.
+constexpr std::size_t kFewLights = 16;
+constexpr std::uint32_t kPilots = 4;
+/// Share of the samples that goes by power alone: no light that some point of the footprint sees
+/// has probability zero.
+constexpr float kDefensiveShare = 0.02f;
+/// Shadow rays stop this share short of their light, which would otherwise shadow itself.
+constexpr float kShadowReach = 1 - 1e-4f;
+
+/// Probabilities of the area lights for some texels.
+struct LightDistribution {
+  std::vector<float> probability;
+
+  explicit LightDistribution(std::size_t lights) : probability(lights) {}
+
+  void clear() { std::fill(probability.begin(), probability.end(), 0.f); }
+
+  void add_pilot(const SolverInput& in, std::uint32_t texel) {
+    for (std::size_t l = 0; l < probability.size(); ++l)
+      probability[l] += in.lights.unoccluded_estimate(
+          in.lights.area()[l], in.texels.position[texel], in.texels.shading_normal[texel]);
+  }
+
+  void finish(const SolverInput& in) {
+    double total = 0;
+    for (float p : probability) total += p;
+    const auto& share = in.lights.power_share();
+    for (std::size_t l = 0; l < probability.size(); ++l)
+      probability[l] = total > 0 ? (1 - kDefensiveShare) * float(probability[l] / total) +
+                                       kDefensiveShare * share[l]
+                                 : share[l];
+  }
+};
+
+/// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
+class ShadowBatch {
+ public:
+  explicit ShadowBatch(const RayScene& rays) : rays_(rays) {}
+
+  void add(Vec3 origin, Vec3 direction, float distance, Rgb value) {
+    packet_.set(packet_.count, origin, direction, distance * kShadowReach);
+    value_[packet_.count++] = value;
+    if (packet_.count == 16) flush();
+  }
+  void flush() {
+    if (packet_.count == 0) return;
+    const std::uint32_t blocked = rays_.occluded(packet_);
+    for (std::uint32_t i = 0; i < packet_.count; ++i)
+      if (!(blocked >> i & 1)) sum_ += value_[i];
+    traced_ += packet_.count;
+    packet_.count = 0;
+  }
+  Rgb take_sum() {
+    flush();
+    return std::exchange(sum_, Rgb{});
+  }
+  std::uint64_t traced() const { return traced_; }
+
+ private:
+  const RayScene& rays_;
+  RayPacket packet_;
+  Rgb value_[16];
+  Rgb sum_;
+  std::uint64_t traced_ = 0;
+};
+
+/// Cosine at the receiver; 0 below either horizon.
+float receiver_cosine(const Footprint& at, std::uint32_t point, Vec3 direction) {
+  if (dot(at.geometric_normal[point], direction) <= 0) return 0;
+  return std::max(0.f, dot(at.shading_normal[point], direction));
+}
+
+Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shadows) {
+  constexpr float kShare = 1.f / Footprint::kPoints;
+  for (const PunctualLight& light : in.lights.punctual())
+    for (std::uint32_t i = 0; i < Footprint::kPoints; ++i) {
+      const PunctualArrival a = arrive(light, at.position[i]);
+      const float cosine = receiver_cosine(at, i, a.direction);
+      const Rgb value = a.irradiance * (cosine * kShare);
+      if (!is_black(value)) shadows.add(at.origin[i], a.direction, a.distance, value);
+    }
+  return shadows.take_sum();
+}
+
+Rgb area_light(const SolverInput& in, const Footprint& at, const LightDistribution& lights,
+               std::uint32_t seed, ShadowBatch& shadows) {
+  const std::uint32_t count = in.settings.direct_samples;
+  const float start = to_unit(hash(seed, 1));
+  const std::uint32_t point_flip = hash(seed, 2);
+  std::size_t l = 0;
+  float below = 0;  // summed probability of the lights before l
+  for (std::uint32_t k = 0; k < count; ++k) {
+    const float position = (float(k) + start) / float(count);
+    while (l + 1 < lights.probability.size() && position >= below + lights.probability[l])
+      below += lights.probability[l++];
+    if (!(lights.probability[l] > 0)) continue;
+    const std::uint32_t i = (k ^ point_flip) % Footprint::kPoints;
+    const LightSample s = in.lights.sample(in.lights.area()[l], at.position[i],
+                                           scrambled(sobol(k), seed));
+    const float cosine = receiver_cosine(at, i, s.direction);
+    const Rgb value = s.value * (cosine / (float(count) * lights.probability[l]));
+    if (!is_black(value)) shadows.add(at.origin[i], s.direction, s.distance, value);
+  }
+  return shadows.take_sum();
+}
+
+/// Fills `lights` for the tile: up to four texels spread over it, and one of each chart in it.
+void pilot_tile(const SolverInput& in, TexelRange tile, LightDistribution& lights) {
+  lights.clear();
+  const std::uint32_t step = std::max(1u, tile.size() / kPilots);
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    const bool new_surface =
+        t > tile.begin && (in.texels.chart[t] != in.texels.chart[t - 1] ||
+                           dot(in.texels.shading_normal[t], in.texels.shading_normal[t - 1]) < 0.9f);
+    if ((t - tile.begin) % step == 0 || new_surface) lights.add_pilot(in, t);
+  }
+  lights.finish(in);
+}
+
+}  // namespace
+
+std::uint64_t DirectLight::run(TexelRange range, std::span<Rgb> irradiance) const {
+  const std::size_t light_count = in_.lights.area().size();
+  LightDistribution lights(light_count);
+  ShadowBatch shadows(in_.rays);
+  for (std::uint32_t t = range.begin; t < range.end; ++t) {
+    const bool few = light_count <= kFewLights;
+    if (light_count > 0 && few) {
+      lights.clear();
+      lights.add_pilot(in_, t);
+      lights.finish(in_);
+    } else if (light_count > 0 && t % kTileTexels == 0) {
+      pilot_tile(in_, {t, std::min(t + kTileTexels, in_.texels.size())}, lights);
+    }
+    const Footprint at(in_, t);
+    Rgb e = punctual_light(in_, at, shadows);
+    if (light_count > 0)
+      e += area_light(in_, at, lights, texel_seed(in_, t, Purpose::kDirect), shadows);
+    irradiance[t] = e;
+  }
+  return shadows.traced();
+}
+
+}  // namespace kiln::baker

@@ -1,0 +1,274 @@
+#include "baker/solver/gather.h"
+
+#include <bit>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "baker/solver/direct.h"
+#include "baker/solver/footprint.h"
+#include "baker/solver/sampling.h"
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker {
+namespace {
+
+/// What a remembered ray met, beside a texel.
+constexpr std::uint32_t kHitNothing = 0xffffffffu;
+constexpr std::uint32_t kHitSky = 0xfffffffeu;
+/// Fewest directions that feed the bounces before a final gather.
+constexpr std::uint32_t kMinFeedbackSamples = 16;
+/// Bounces after which most scenes have converged; for the estimate of progress only.
+constexpr double kTypicalBounces = 8;
+/// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
+constexpr std::uint32_t kCoherentSamples = 256;
+
+/// Radiosity as the look-ups read it: one aligned load.
+struct alignas(16) Radiosity {
+  float r = 0, g = 0, b = 0, pad = 0;
+};
+
+/// Groups the points of a (0,2)-net by elementary cells of 16 points each, as square as can be.
+/// Owen scrambling maps cells to cells, so the groups stay narrow for every texel's own scramble.
+std::vector<std::uint32_t> cell_order(std::uint32_t count) {
+  std::vector<std::uint32_t> order(count);
+  std::iota(order.begin(), order.end(), 0u);
+  if (!std::has_single_bit(count) || count < kCoherentSamples) return order;
+  const int bits = std::countr_zero(count) - 4, x_bits = (bits + 1) / 2, y_bits = bits / 2;
+  const auto cell = [&](std::uint32_t i) {
+    const SobolPoint p = sobol(i);
+    const std::uint32_t y = y_bits > 0 ? p.y >> (32 - y_bits) : 0;
+    return (p.x >> (32 - x_bits)) << y_bits | y;
+  };
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return cell(a) < cell(b); });
+  return order;
+}
+
+/// The directions of a gather, in the order in which they are traced.
+struct DirectionSet {
+  std::vector<SobolPoint> points;
+  bool coherent = false;
+
+  explicit DirectionSet(std::uint32_t count)
+      : coherent(std::has_single_bit(count) && count >= kCoherentSamples) {
+    for (std::uint32_t i : cell_order(count)) points.push_back(sobol(i));
+  }
+  std::uint32_t size() const { return static_cast<std::uint32_t>(points.size()); }
+};
+
+class GatherSolver final : public Solver {
+ public:
+  GatherSolver(const SolverInput& in, std::uint64_t hit_budget)
+      : in_(in),
+        direct_(in_),
+        feedback_(feedback_samples(in, hit_budget)),
+        full_(in.settings.samples),
+        final_gather_(feedback_.size() < full_.size()),
+        needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
+    if (needs_rays_) hits_.resize(std::size_t(in.texels.size()) * feedback_.size());
+  }
+
+  std::uint32_t max_passes() const override {
+    return 1 + (needs_rays_ ? 1 + in_.settings.bounces : 0);
+  }
+
+  double total_work() const override {
+    const double trace = needs_rays_ ? double(feedback_.size()) : 0;
+    const double final = final_gather_ ? double(full_.size()) : 0;
+    return direct_work() + trace + final + kTypicalBounces * look_up_work();
+  }
+
+  std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
+    Pass pass;
+    pass.index = static_cast<std::uint32_t>(done.size());
+    if (done.empty()) {
+      pass.name = "direct";
+      pass.work = direct_work();
+      return pass;
+    }
+    if (!needs_rays_) return std::nullopt;
+    if (done.size() == 1) {
+      pass.name = "trace";
+      pass.work = feedback_.size();
+      return pass;
+    }
+    if (done.back().name == kFinal) return std::nullopt;
+    const auto bounces = static_cast<std::uint32_t>(done.size()) - 2;
+    const std::uint32_t limit = in_.settings.bounces;
+    if (!final_gather_) {
+      const bool converged = bounces > 0 && done.back().residual <= in_.settings.tolerance;
+      if (converged || bounces == limit) return std::nullopt;
+    } else if (bounces + 1 >= limit || (bounces > 1 && tail(done) * done.back().residual <=
+                                                           in_.settings.tolerance)) {
+      pass.name = kFinal;
+      pass.work = full_.size();
+      return pass;
+    }
+    pass.name = "bounce";
+    pass.work = look_up_work();
+    pass.batch_texels = 4096;
+    return pass;
+  }
+
+  void begin(const Pass& pass, const Lightmap& before) override {
+    if (pass.name == "direct" || pass.name == "trace") return;
+    radiosity_.resize(in_.texels.size());
+    for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
+      const Rgb b = in_.texels.albedo[t] * before.irradiance(t);
+      radiosity_[t] = {b.r, b.g, b.b, 0};
+    }
+  }
+
+  std::uint64_t run(const Pass& pass, const Lightmap&, TexelRange range, Lightmap& after) override {
+    if (pass.name == "direct") return direct_.run(range, after.direct);
+    if (pass.name == "trace") return trace(range, after);
+    if (pass.name == kFinal) return gather(range, after);
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      const std::uint32_t n = feedback_.size();
+      after.indirect[t] = look_up({hits_.data() + std::size_t(t) * n, n});
+    }
+    return 0;
+  }
+
+  double extrapolate(std::span<const proto::PassReport> done, const Lightmap& before_last,
+                     Lightmap& last) const override;
+
+ private:
+  static constexpr const char* kFinal = "final gather";
+
+  double direct_work() const {
+    return double(in_.lights.area().empty() ? 0 : in_.settings.direct_samples) +
+           double(in_.lights.punctual().size() * Footprint::kPoints);
+  }
+  /// A look-up costs about a fortieth of a ray.
+  double look_up_work() const { return double(feedback_.size()) / 40; }
+
+  static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
+    const std::uint32_t wanted = in.settings.samples;
+    const std::uint64_t affordable =
+        budget / (sizeof(std::uint32_t) * std::max(1u, in.texels.size()));
+    if (wanted <= affordable) return wanted;
+    const std::uint64_t fitting = std::bit_floor(std::max<std::uint64_t>(1, affordable));
+    return std::min(wanted, std::max(kMinFeedbackSamples, std::uint32_t(fitting)));
+  }
+
+  /// Sum of the updates that the bounces after the last one would add, as a factor on the last
+  /// update: they form a geometric series whose ratio the last two updates tell.
+  double tail(std::span<const proto::PassReport> done) const {
+    const auto update = [](const proto::PassReport& p) { return p.residual * p.mean_lx; };
+    const std::uint32_t left = in_.settings.bounces - (std::uint32_t(done.size()) - 2);
+    const double ratio = update(done.back()) / update(done[done.size() - 2]);
+    if (!(ratio > 0) || !(ratio < 1)) return 0;
+    return ratio * (1 - std::pow(ratio, left)) / (1 - ratio);
+  }
+
+  /// Follows the directions of one texel. `hits` receives one entry per direction.
+  /// @return share of rays that met a back face of a one-sided surface
+  float follow(std::uint32_t texel, const DirectionSet& set, std::span<std::uint32_t> hits) const;
+
+  Rgb look_up(std::span<const std::uint32_t> hits) const {
+    float sum[4] = {0, 0, 0, 0};
+    for (const std::uint32_t h : hits) {
+      if (h >= kHitSky) continue;
+      const Radiosity& b = radiosity_[h];
+      sum[0] += b.r, sum[1] += b.g, sum[2] += b.b;
+    }
+    const float scale = 1 / float(hits.size());
+    return Rgb{sum[0], sum[1], sum[2]} * scale;
+  }
+
+  /// E = π · mean L over cosine-distributed directions.
+  Rgb sky_light(std::span<const std::uint32_t> hits) const {
+    std::uint32_t open = 0;
+    for (const std::uint32_t h : hits) open += h == kHitSky;
+    return in_.scene.sky * (kPi * float(open) / float(hits.size()));
+  }
+
+  std::uint64_t trace(TexelRange range, Lightmap& after) {
+    const std::uint32_t n = feedback_.size();
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      const std::span<std::uint32_t> hits{hits_.data() + std::size_t(t) * n, n};
+      after.validity[t] = 1 - follow(t, feedback_, hits);
+      after.sky[t] = sky_light(hits);
+    }
+    return std::uint64_t(n) * range.size();
+  }
+
+  std::uint64_t gather(TexelRange range, Lightmap& after) const {
+    std::vector<std::uint32_t> hits(full_.size());
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      after.validity[t] = 1 - follow(t, full_, hits);
+      after.sky[t] = sky_light(hits);
+      after.indirect[t] = in_.settings.bounces > 0 ? look_up(hits) : Rgb{};
+    }
+    return std::uint64_t(full_.size()) * range.size();
+  }
+
+  const SolverInput in_;
+  DirectLight direct_;
+  DirectionSet feedback_, full_;
+  bool final_gather_, needs_rays_;
+  std::vector<std::uint32_t> hits_;     ///< feedback_.size() per texel
+  std::vector<Radiosity> radiosity_;    ///< B of the pass before, lx
+};
+
+float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
+                           std::span<std::uint32_t> hits) const {
+  const Footprint at(in_, texel);
+  const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather);
+  RayPacket rays;
+  HitPacket met;
+  std::uint32_t lane_sample[16];
+  std::uint32_t behind = 0;
+  for (std::uint32_t first = 0; first < set.size(); first += 16) {
+    const std::uint32_t end = std::min(first + 16, set.size());
+    const std::uint32_t point_flip = hash(seed, first);
+    rays.count = 0;
+    for (std::uint32_t s = first; s < end; ++s) {
+      const std::uint32_t i = ((s - first) ^ point_flip) % Footprint::kPoints;
+      const Frame frame(at.shading_normal[i]);
+      const Vec3 d = frame.to_world(cosine_direction(scrambled(set.points[s], seed)));
+      hits[s] = kHitNothing;
+      if (dot(d, at.geometric_normal[i]) <= 0) continue;
+      lane_sample[rays.count] = s;
+      rays.set(rays.count++, at.origin[i], d, std::numeric_limits<float>::infinity());
+    }
+    if (rays.count == 0) continue;
+    in_.rays.closest(rays, met, set.coherent);
+    for (std::uint32_t lane = 0; lane < rays.count; ++lane) {
+      std::uint32_t& hit = hits[lane_sample[lane]];
+      if (met.triangle[lane] == kNoHit) {
+        hit = kHitSky;
+        continue;
+      }
+      if (met.back[lane] && !in_.scene.material_of(met.triangle[lane]).double_sided) {
+        ++behind;
+        continue;
+      }
+      const float u = to_unit(hash(seed, lane_sample[lane], 0x7a9u));
+      const std::int32_t t = in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]},
+                                             met.back[lane], u);
+      if (t != kNoTexel) hit = static_cast<std::uint32_t>(t);
+    }
+  }
+  return float(behind) / float(set.size());
+}
+
+double GatherSolver::extrapolate(std::span<const proto::PassReport> done,
+                                 const Lightmap& before_last, Lightmap& last) const {
+  const std::size_t bounces = done.size() - 2;
+  if (final_gather_ || done.size() < 4 || bounces == in_.settings.bounces) return 0;
+  const double scale = tail(done);
+  for (std::uint32_t t = 0; t < last.size(); ++t)
+    last.indirect[t] += (last.indirect[t] - before_last.indirect[t]) * float(scale);
+  return scale;
+}
+
+}  // namespace
+
+std::unique_ptr<Solver> make_gather_solver(const SolverInput& in, std::uint64_t hit_budget_bytes) {
+  return std::make_unique<GatherSolver>(in, hit_budget_bytes);
+}
+
+}  // namespace kiln::baker

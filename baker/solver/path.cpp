@@ -1,0 +1,225 @@
+#include "baker/solver/path.h"
+
+#include <limits>
+#include <vector>
+
+#include "baker/solver/footprint.h"
+#include "baker/solver/sampling.h"
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker {
+namespace {
+
+/// Samples of one pass; a pass over a batch of texels then takes some tens of milliseconds.
+constexpr std::uint32_t kBlockSamples = 16;
+constexpr float kShadowReach = 1 - 1e-4f;
+
+/// Pairs of random numbers that one path vertex uses.
+enum Dimension : std::uint32_t { kDirection, kAreaPoint, kChoice, kDimensions };
+
+/// A vertex of a path that is still on its way.
+struct Vertex {
+  Vec3 origin, position, geometric_normal, shading_normal;
+  Rgb throughput{1, 1, 1};    ///< product of the albedos so far
+  std::uint32_t sample = 0;
+  std::uint32_t lane = 0;
+};
+
+struct Sums {
+  Rgb direct, sky, indirect;
+};
+
+/// Sixteen paths of one texel, followed in step.
+class PathBundle {
+ public:
+  PathBundle(const SolverInput& in, std::uint32_t texel)
+      : in_(in), at_(in, texel), seed_(texel_seed(in, texel, Purpose::kPath)) {}
+
+  /// Adds the samples [first, first + count), at most 16.
+  void follow(std::uint32_t first, std::uint32_t count, Sums& sums) {
+    start(first, count);
+    for (std::uint32_t bounce = 0; !alive_.empty(); ++bounce) {
+      Rgb& from_lights = bounce == 0 ? sums.direct : sums.indirect;
+      add_area_light(bounce, from_lights);
+      add_punctual_light(bounce, from_lights);
+      extend(bounce, bounce == 0 ? sums.sky : sums.indirect);
+    }
+  }
+  std::uint64_t traced() const { return traced_; }
+  std::uint64_t behind() const { return behind_; }
+
+ private:
+  Vec2 random(const Vertex& v, std::uint32_t bounce, Dimension d) const {
+    return sample_pair(v.sample, hash(seed_, bounce * kDimensions + d));
+  }
+
+  void start(std::uint32_t first, std::uint32_t count) {
+    alive_.clear();
+    const std::uint32_t flip = hash(seed_, first, 0x51u);
+    for (std::uint32_t k = 0; k < count; ++k) {
+      const std::uint32_t i = (k ^ flip) % Footprint::kPoints;
+      Vertex v;
+      v.origin = at_.origin[i], v.position = at_.position[i];
+      v.geometric_normal = at_.geometric_normal[i], v.shading_normal = at_.shading_normal[i];
+      v.sample = first + k;
+      alive_.push_back(v);
+    }
+  }
+
+  /// Traces the collected shadow rays and adds what arrives.
+  void trace_shadows(Rgb& sum) {
+    if (packet_.count == 0) return;
+    const std::uint32_t blocked = in_.rays.occluded(packet_);
+    for (std::uint32_t i = 0; i < packet_.count; ++i)
+      if (!(blocked >> i & 1)) sum += value_[i];
+    traced_ += packet_.count;
+    packet_.count = 0;
+  }
+
+  void add_shadow_ray(const Vertex& v, Vec3 direction, float distance, Rgb irradiance) {
+    if (dot(v.geometric_normal, direction) <= 0) return;
+    const Rgb value =
+        v.throughput * irradiance * std::max(0.f, dot(v.shading_normal, direction));
+    if (is_black(value)) return;
+    value_[packet_.count] = value;
+    packet_.set(packet_.count++, v.origin, direction, distance * kShadowReach);
+  }
+
+  void add_area_light(std::uint32_t bounce, Rgb& sum) {
+    const auto& lights = in_.lights.area();
+    if (lights.empty()) return;
+    const auto& share = in_.lights.power_share();
+    for (const Vertex& v : alive_) {
+      float u = random(v, bounce, kChoice).x;
+      std::size_t l = 0;
+      while (l + 1 < lights.size() && u >= share[l]) u -= share[l++];
+      if (!(share[l] > 0)) continue;
+      const LightSample s =
+          in_.lights.sample(lights[l], v.position, random(v, bounce, kAreaPoint));
+      add_shadow_ray(v, s.direction, s.distance, s.value * (1 / share[l]));
+    }
+    trace_shadows(sum);
+  }
+
+  void add_punctual_light(std::uint32_t bounce, Rgb& sum) {
+    const auto& lights = in_.lights.punctual();
+    if (lights.empty()) return;
+    for (const Vertex& v : alive_) {
+      const float u = random(v, bounce, kChoice).y;
+      const auto l = std::min(lights.size() - 1, std::size_t(u * float(lights.size())));
+      const PunctualArrival a = arrive(lights[l], v.position);
+      add_shadow_ray(v, a.direction, a.distance, a.irradiance * float(lights.size()));
+    }
+    trace_shadows(sum);
+  }
+
+  /// Sends each path on by a cosine-distributed direction; those that end are dropped.
+  void extend(std::uint32_t bounce, Rgb& sky) {
+    std::uint32_t kept = 0;
+    for (std::size_t i = 0; i < alive_.size(); ++i) {
+      Vertex v = alive_[i];
+      const Vec3 d = Frame(v.shading_normal).to_world(cosine_direction(random(v, bounce, kDirection)));
+      if (dot(d, v.geometric_normal) <= 0) continue;
+      packet_.set(kept, v.origin, d, std::numeric_limits<float>::infinity());
+      alive_[kept++] = v;
+    }
+    packet_.count = kept;
+    alive_.resize(kept);
+    if (kept == 0) return;
+    HitPacket met;
+    in_.rays.closest(packet_, met);
+    traced_ += kept;
+    packet_.count = 0;
+    std::vector<Vertex>& paths = alive_;
+    std::uint32_t going = 0;
+    for (std::uint32_t i = 0; i < kept; ++i) {
+      Vertex v = paths[i];
+      if (met.triangle[i] == kNoHit) {
+        sky += v.throughput * in_.scene.sky * kPi;
+      } else if (bounce < in_.settings.bounces && reflect(v, met, i)) {
+        paths[going++] = v;
+      } else if (bounce == 0 && met.back[i]) {
+        behind_ += !in_.scene.material_of(met.triangle[i]).double_sided;
+      }
+    }
+    paths.resize(going);
+  }
+
+  /// Moves the vertex to what its ray met. False when the light ends there.
+  bool reflect(Vertex& v, const HitPacket& met, std::uint32_t i) {
+    const std::uint32_t triangle = met.triangle[i];
+    if (met.back[i] && !in_.scene.material_of(triangle).double_sided) return false;
+    const Bary bary{met.u[i], met.v[i]};
+    const Rgb a = albedo_at(in_.scene, triangle, bary);
+    v.throughput = v.throughput * Rgb{std::min(a.r, kMaxAlbedo), std::min(a.g, kMaxAlbedo),
+                                      std::min(a.b, kMaxAlbedo)};
+    if (is_black(v.throughput)) return false;
+    const float side = met.back[i] ? -1.f : 1.f;
+    v.geometric_normal = side * geometric_normal(in_.scene, triangle);
+    v.shading_normal = side * shading_normal(in_.scene, triangle, bary);
+    v.position = position_at(in_.scene, triangle, bary);
+    v.origin = in_.rays.offset_origin(v.position, v.geometric_normal);
+    return true;
+  }
+
+  const SolverInput& in_;
+  const Footprint at_;
+  const std::uint32_t seed_;
+  std::vector<Vertex> alive_;
+  RayPacket packet_;
+  Rgb value_[16];
+  std::uint64_t traced_ = 0, behind_ = 0;
+};
+
+class PathSolver final : public Solver {
+ public:
+  explicit PathSolver(const SolverInput& in) : in_(in) {}
+
+  std::uint32_t max_passes() const override {
+    return (in_.settings.samples + kBlockSamples - 1) / kBlockSamples;
+  }
+
+  double total_work() const override { return in_.settings.samples; }
+
+  std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
+    if (done.size() >= max_passes()) return std::nullopt;
+    Pass pass;
+    pass.name = "paths";
+    pass.index = static_cast<std::uint32_t>(done.size());
+    pass.first_sample = pass.index * kBlockSamples;
+    pass.sample_count = std::min(kBlockSamples, in_.settings.samples - pass.first_sample);
+    pass.work = pass.sample_count;
+    return pass;
+  }
+
+  std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
+                    Lightmap& after) override {
+    std::uint64_t rays = 0;
+    const float old_share =
+        float(pass.first_sample) / float(pass.first_sample + pass.sample_count);
+    const float scale = 1 / float(pass.first_sample + pass.sample_count);
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      PathBundle bundle(in_, t);
+      Sums sums;
+      bundle.follow(pass.first_sample, pass.sample_count, sums);
+      after.direct[t] = before.direct[t] * old_share + sums.direct * scale;
+      after.sky[t] = before.sky[t] * old_share + sums.sky * scale;
+      after.indirect[t] = before.indirect[t] * old_share + sums.indirect * scale;
+      const float open = float(pass.sample_count - bundle.behind());
+      after.validity[t] = before.validity[t] * old_share + open * scale;
+      rays += bundle.traced();
+    }
+    return rays;
+  }
+
+ private:
+  const SolverInput in_;
+};
+
+}  // namespace
+
+std::unique_ptr<Solver> make_path_solver(const SolverInput& in) {
+  return std::make_unique<PathSolver>(in);
+}
+
+}  // namespace kiln::baker

@@ -1,0 +1,93 @@
+#include "baker/solver/solve.h"
+
+#include <atomic>
+#include <chrono>
+
+#include "baker/solver/gather.h"
+#include "baker/solver/path.h"
+
+namespace kiln::baker {
+namespace {
+
+constexpr std::uint64_t kHitBudgetBytes = 1ull << 30;
+
+/// Area-weighted sums over the texels, in texel order: the same on any number of threads.
+struct Change {
+  double mean_lx = 0;   ///< E after
+  double residual = 0;  ///< mean |E after - E before| over mean E after
+  bool finite = true;
+};
+
+Change measure(const TextureGroup& texels, const Lightmap& before, const Lightmap& after) {
+  Change c;
+  double area = 0, moved = 0;
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    const double a = texels.area_m2[t];
+    const Rgb now = after.irradiance(t), then = before.irradiance(t);
+    const double e = double(now.r) + now.g + now.b;
+    area += a;
+    c.mean_lx += a * e / 3;
+    moved += a * (std::abs(double(now.r) - then.r) + std::abs(double(now.g) - then.g) +
+                  std::abs(double(now.b) - then.b)) / 3;
+    c.finite = c.finite && std::isfinite(e);
+  }
+  c.residual = c.mean_lx > 0 ? moved / c.mean_lx : 0;
+  c.mean_lx = area > 0 ? c.mean_lx / area : 0;
+  return c;
+}
+
+}  // namespace
+
+std::unique_ptr<Solver> make_solver(const SolverInput& in) {
+  switch (in.settings.method) {
+    case proto::Method::kPath: return make_path_solver(in);
+    case proto::Method::kGather: break;
+  }
+  return make_gather_solver(in, kHitBudgetBytes);
+}
+
+proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, ThreadPool& pool,
+                                std::stop_token stop, const SolveHooks& hooks) {
+  Solution solution;
+  auto before = std::make_shared<Lightmap>(texels.size());
+  std::shared_ptr<Lightmap> earlier = before;
+  while (const auto pass = solver.next(solution.passes)) {
+    const auto start = std::chrono::steady_clock::now();
+    auto after = std::make_shared<Lightmap>(*before);
+    solver.begin(*pass, *before);
+    const std::uint32_t size = pass->batch_texels;
+    const std::uint32_t batches = (texels.size() + size - 1) / size;
+    std::vector<std::uint64_t> rays(batches);
+    std::atomic<std::uint32_t> done{0};
+    const bool whole = pool.for_batches(batches, stop, [&](std::uint32_t b) {
+      const TexelRange range{b * size, std::min((b + 1) * size, texels.size())};
+      rays[b] = solver.run(*pass, *before, range, *after);
+      if (hooks.on_batch) hooks.on_batch(*pass, ++done, batches);
+    });
+    if (!whole) return proto::fail(proto::kCanceled, "The job was canceled.");
+
+    const Change change = measure(texels, *before, *after);
+    if (!change.finite)
+      return proto::fail("internal", "The light of a texel is not finite after pass '" +
+                                         pass->name + "'.");
+    proto::PassReport report;
+    report.name = pass->name;
+    report.index = pass->index;
+    report.residual = change.residual;
+    report.mean_lx = change.mean_lx;
+    for (std::uint64_t r : rays) report.rays += r;
+    report.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    solution.passes.push_back(report);
+    if (hooks.on_pass)
+      if (auto ok = hooks.on_pass(report, after); !ok) return proto::Unexpected(ok.error());
+    earlier = std::move(before);
+    before = std::move(after);
+  }
+  auto last = std::make_shared<Lightmap>(*before);
+  solution.tail_scale = solver.extrapolate(solution.passes, *earlier, *last);
+  solution.light = std::move(last);
+  return solution;
+}
+
+}  // namespace kiln::baker
