@@ -40,6 +40,6 @@ inline Unexpected fail(std::string code, std::string message) {
 }
 
 /// Code of a job or stage that was told to stop.
-inline constexpr const char* kCanceled = "canceled";
+inline constexpr const char* kCanceledCode = "canceled";
 
 }  // namespace kiln::proto

@@ -84,7 +84,9 @@ ThreadPool::~ThreadPool() {
   impl_->threads.clear();  // joins
 }
 
-unsigned ThreadPool::size() const { return static_cast<unsigned>(impl_->threads.size()); }
+unsigned ThreadPool::size() const {
+  return static_cast<unsigned>(impl_->threads.size());
+}
 
 bool ThreadPool::for_batches(std::uint32_t count, std::stop_token stop,
                              const std::function<void(std::uint32_t)>& batch) {

@@ -1,6 +1,9 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
 
 #include "baker/solver/lightmap.h"
 #include "proto/expected.h"
@@ -16,7 +19,7 @@ struct Checkpoint {
   Lightmap light;
 };
 
-/// Durable once it returns. Errors: `storage_full`, `storage_failed`.
+/// Durable once it returns. Errors: `io_error`.
 proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const std::string& key,
                                        std::span<const proto::PassReport>, const Lightmap&);
 /// Errors: `no_checkpoint` when there is none, or it is torn, of another version or of another key.

@@ -105,8 +105,8 @@ Rgb area_light(const SolverInput& in, const Footprint& at, const LightDistributi
       below += lights.probability[l++];
     if (!(lights.probability[l] > 0)) continue;
     const std::uint32_t i = (k ^ point_flip) % Footprint::kPoints;
-    const LightSample s = in.lights.sample(in.lights.area()[l], at.position[i],
-                                           scrambled(sobol(k), seed));
+    const LightSample s =
+        in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(k), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * lights.probability[l]));
     if (!is_black(value)) shadows.add(at.origin[i], s.direction, s.distance, value);
@@ -119,9 +119,9 @@ void pilot_tile(const SolverInput& in, TexelRange tile, LightDistribution& light
   lights.clear();
   const std::uint32_t step = std::max(1u, tile.size() / kPilots);
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    const bool new_surface =
-        t > tile.begin && (in.texels.chart[t] != in.texels.chart[t - 1] ||
-                           dot(in.texels.shading_normal[t], in.texels.shading_normal[t - 1]) < 0.9f);
+    const bool new_surface = t > tile.begin && (in.texels.chart[t] != in.texels.chart[t - 1] ||
+                                                dot(in.texels.shading_normal[t],
+                                                    in.texels.shading_normal[t - 1]) < 0.9f);
     if ((t - tile.begin) % step == 0 || new_surface) lights.add_pilot(in, t);
   }
   lights.finish(in);

@@ -9,8 +9,8 @@ namespace kiln::baker {
 /// The sample points of one texel, ready for tracing. Twins on the back have their normals turned.
 struct Footprint {
   static constexpr std::uint32_t kPoints = TextureGroup::kPointsPerTexel;
-  std::array<Vec3, kPoints> position;  ///< on the surface, m
-  std::array<Vec3, kPoints> origin;    ///< moved off the surface, m
+  std::array<Vec3, kPoints> position;                          ///< on the surface, m
+  std::array<Vec3, kPoints> origin;                            ///< moved off the surface, m
   std::array<Vec3, kPoints> geometric_normal, shading_normal;  ///< unit
 
   Footprint(const SolverInput&, std::uint32_t texel);

@@ -99,8 +99,8 @@ class GatherSolver final : public Solver {
     if (!final_gather_) {
       const bool converged = bounces > 0 && done.back().residual <= in_.settings.tolerance;
       if (converged || bounces == limit) return std::nullopt;
-    } else if (bounces + 1 >= limit || (bounces > 1 && tail(done) * done.back().residual <=
-                                                           in_.settings.tolerance)) {
+    } else if (bounces + 1 >= limit ||
+               (bounces > 1 && tail(done) * done.back().residual <= in_.settings.tolerance)) {
       pass.name = kFinal;
       pass.work = full_.size();
       return pass;
@@ -209,8 +209,8 @@ class GatherSolver final : public Solver {
   DirectLight direct_;
   DirectionSet feedback_, full_;
   bool final_gather_, needs_rays_;
-  std::vector<std::uint32_t> hits_;     ///< feedback_.size() per texel
-  std::vector<Radiosity> radiosity_;    ///< B of the pass before, lx
+  std::vector<std::uint32_t> hits_;   ///< feedback_.size() per texel
+  std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
 };
 
 float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
@@ -247,8 +247,8 @@ float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
         continue;
       }
       const float u = to_unit(hash(seed, lane_sample[lane], 0x7a9u));
-      const std::int32_t t = in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]},
-                                             met.back[lane], u);
+      const std::int32_t t =
+          in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]}, met.back[lane], u);
       if (t != kNoTexel) hit = static_cast<std::uint32_t>(t);
     }
   }

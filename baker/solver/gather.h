@@ -6,9 +6,10 @@
 
 namespace kiln::baker {
 
-/// Final gathering with lightmap feedback. Direct light is sampled explicitly; indirect light is the
-/// mean radiosity that cosine-distributed directions meet, read from the previous bounce's lightmap
-/// [RTRad 5.4, with E = π · mean L for cosine-distributed directions; Moreno-Fortuny ch. 3].
+/// Final gathering with lightmap feedback. Direct light is sampled explicitly; indirect light is
+/// the mean radiosity that cosine-distributed directions meet, read from the previous bounce's
+/// lightmap [RTRad 5.4, with E = π · mean L for cosine-distributed directions; Moreno-Fortuny ch.
+/// 3].
 ///
 /// Passes: `direct`; `trace`, which follows the directions once, remembers the texel that each one
 /// met (4 bytes) and adds up the sky; one `bounce` per diffuse reflection, all look-ups. Where the

@@ -10,19 +10,19 @@ namespace kiln::baker {
 
 /// One emitting triangle: a part of the scene's surface, or half a RectLight.
 struct AreaLight {
-  Vec3 p0, p1, p2;                    ///< m, counter-clockwise seen from the emitting side
-  Vec3 normal;                        ///< unit
+  Vec3 p0, p1, p2;  ///< m, counter-clockwise seen from the emitting side
+  Vec3 normal;      ///< unit
   float area_m2 = 0;
-  Rgb radiance;                       ///< cd/m2, mean over the triangle
-  std::uint32_t triangle = 0;         ///< of the scene; kNoHit for a RectLight
+  Rgb radiance;                ///< cd/m2, mean over the triangle
+  std::uint32_t triangle = 0;  ///< of the scene; kNoHit for a RectLight
   bool two_sided = false;
 };
 
 /// A sampled point of an area light, seen from the receiver.
 struct LightSample {
-  Vec3 direction;     ///< unit, towards the light
-  float distance = 0; ///< m
-  Rgb value;          ///< radiance over the solid-angle density of the direction; 0: nothing seen
+  Vec3 direction;      ///< unit, towards the light
+  float distance = 0;  ///< m
+  Rgb value;           ///< radiance over the solid-angle density of the direction; 0: nothing seen
 };
 
 /// All light that is sampled explicitly. Immutable.

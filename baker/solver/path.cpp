@@ -20,7 +20,7 @@ enum Dimension : std::uint32_t { kDirection, kAreaPoint, kChoice, kDimensions };
 /// A vertex of a path that is still on its way.
 struct Vertex {
   Vec3 origin, position, geometric_normal, shading_normal;
-  Rgb throughput{1, 1, 1};    ///< product of the albedos so far
+  Rgb throughput{1, 1, 1};  ///< product of the albedos so far
   std::uint32_t sample = 0;
   std::uint32_t lane = 0;
 };
@@ -78,8 +78,7 @@ class PathBundle {
 
   void add_shadow_ray(const Vertex& v, Vec3 direction, float distance, Rgb irradiance) {
     if (dot(v.geometric_normal, direction) <= 0) return;
-    const Rgb value =
-        v.throughput * irradiance * std::max(0.f, dot(v.shading_normal, direction));
+    const Rgb value = v.throughput * irradiance * std::max(0.f, dot(v.shading_normal, direction));
     if (is_black(value)) return;
     value_[packet_.count] = value;
     packet_.set(packet_.count++, v.origin, direction, distance * kShadowReach);
@@ -94,8 +93,7 @@ class PathBundle {
       std::size_t l = 0;
       while (l + 1 < lights.size() && u >= share[l]) u -= share[l++];
       if (!(share[l] > 0)) continue;
-      const LightSample s =
-          in_.lights.sample(lights[l], v.position, random(v, bounce, kAreaPoint));
+      const LightSample s = in_.lights.sample(lights[l], v.position, random(v, bounce, kAreaPoint));
       add_shadow_ray(v, s.direction, s.distance, s.value * (1 / share[l]));
     }
     trace_shadows(sum);
@@ -118,7 +116,8 @@ class PathBundle {
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < alive_.size(); ++i) {
       Vertex v = alive_[i];
-      const Vec3 d = Frame(v.shading_normal).to_world(cosine_direction(random(v, bounce, kDirection)));
+      const Vec3 d =
+          Frame(v.shading_normal).to_world(cosine_direction(random(v, bounce, kDirection)));
       if (dot(d, v.geometric_normal) <= 0) continue;
       packet_.set(kept, v.origin, d, std::numeric_limits<float>::infinity());
       alive_[kept++] = v;
@@ -195,8 +194,7 @@ class PathSolver final : public Solver {
   std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
                     Lightmap& after) override {
     std::uint64_t rays = 0;
-    const float old_share =
-        float(pass.first_sample) / float(pass.first_sample + pass.sample_count);
+    const float old_share = float(pass.first_sample) / float(pass.first_sample + pass.sample_count);
     const float scale = 1 / float(pass.first_sample + pass.sample_count);
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
       PathBundle bundle(in_, t);

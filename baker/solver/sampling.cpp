@@ -5,13 +5,19 @@
 namespace kiln::baker {
 namespace {
 
-float clamped_acos(float x) { return std::acos(std::clamp(x, -1.f, 1.f)); }
+float clamped_acos(float x) {
+  return std::acos(std::clamp(x, -1.f, 1.f));
+}
 
 /// Angle between two unit vectors, accurate for small angles too.
-float angle_between(Vec3 a, Vec3 b) { return 2 * std::atan2(length(a - b), length(a + b)); }
+float angle_between(Vec3 a, Vec3 b) {
+  return 2 * std::atan2(length(a - b), length(a + b));
+}
 
 /// The part of `v` that is orthogonal to the unit vector `axis`, unit.
-Vec3 orthogonal_part(Vec3 v, Vec3 axis) { return normalize(v - axis * dot(v, axis), axis); }
+Vec3 orthogonal_part(Vec3 v, Vec3 axis) {
+  return normalize(v - axis * dot(v, axis), axis);
+}
 
 }  // namespace
 

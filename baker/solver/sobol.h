@@ -17,7 +17,9 @@ inline std::uint32_t hash(std::uint32_t x) {
   x *= 0xd35a2d97u;
   return x ^ (x >> 15);
 }
-inline std::uint32_t hash(std::uint32_t a, std::uint32_t b) { return hash(a ^ (hash(b) + 0x9e3779b9u)); }
+inline std::uint32_t hash(std::uint32_t a, std::uint32_t b) {
+  return hash(a ^ (hash(b) + 0x9e3779b9u));
+}
 inline std::uint32_t hash(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
   return hash(hash(a, b), c);
 }
@@ -43,7 +45,9 @@ inline std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed) {
 }
 
 /// A fraction of 2^32 as a float in [0, 1).
-inline float to_unit(std::uint32_t fraction) { return float(fraction >> 8) * 0x1p-24f; }
+inline float to_unit(std::uint32_t fraction) {
+  return float(fraction >> 8) * 0x1p-24f;
+}
 
 struct SobolPoint {
   std::uint32_t x = 0, y = 0;  ///< fractions of 2^32
@@ -62,8 +66,8 @@ inline Vec2 scrambled(SobolPoint p, std::uint32_t seed) {
   return {to_unit(owen_scramble(p.x, seed)), to_unit(owen_scramble(p.y, hash(seed)))};
 }
 
-/// Padded sampling: sample `index` of the two-dimensional sequence that `seed` names. Two seeds give
-/// sequences in independent order, so any number of pairs may be combined.
+/// Padded sampling: sample `index` of the two-dimensional sequence that `seed` names. Two seeds
+/// give sequences in independent order, so any number of pairs may be combined.
 inline Vec2 sample_pair(std::uint32_t index, std::uint32_t seed) {
   // Scrambling the index as a fraction keeps aligned blocks together, so every block of a power of
   // two samples is a net.

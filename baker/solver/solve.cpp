@@ -27,8 +27,10 @@ Change measure(const TextureGroup& texels, const Lightmap& before, const Lightma
     const double e = double(now.r) + now.g + now.b;
     area += a;
     c.mean_lx += a * e / 3;
-    moved += a * (std::abs(double(now.r) - then.r) + std::abs(double(now.g) - then.g) +
-                  std::abs(double(now.b) - then.b)) / 3;
+    moved += a *
+             (std::abs(double(now.r) - then.r) + std::abs(double(now.g) - then.g) +
+              std::abs(double(now.b) - then.b)) /
+             3;
     c.finite = c.finite && std::isfinite(e);
   }
   c.residual = c.mean_lx > 0 ? moved / c.mean_lx : 0;
@@ -40,8 +42,10 @@ Change measure(const TextureGroup& texels, const Lightmap& before, const Lightma
 
 std::unique_ptr<Solver> make_solver(const SolverInput& in) {
   switch (in.settings.method) {
-    case proto::Method::kPath: return make_path_solver(in);
-    case proto::Method::kGather: break;
+    case proto::Method::kPath:
+      return make_path_solver(in);
+    case proto::Method::kGather:
+      break;
   }
   return make_gather_solver(in, kHitBudgetBytes);
 }
@@ -64,12 +68,12 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
       rays[b] = solver.run(*pass, *before, range, *after);
       if (hooks.on_batch) hooks.on_batch(*pass, ++done, batches);
     });
-    if (!whole) return proto::fail(proto::kCanceled, "The job was canceled.");
+    if (!whole) return proto::fail(proto::kCanceledCode, "The job was canceled.");
 
     const Change change = measure(texels, *before, *after);
     if (!change.finite)
-      return proto::fail("internal", "The light of a texel is not finite after pass '" +
-                                         pass->name + "'.");
+      return proto::fail("internal",
+                         "The light of a texel is not finite after pass '" + pass->name + "'.");
     proto::PassReport report;
     report.name = pass->name;
     report.index = pass->index;
@@ -80,7 +84,7 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     solution.passes.push_back(report);
     if (hooks.on_pass)
-      if (auto ok = hooks.on_pass(report, after); !ok) return proto::Unexpected(ok.error());
+      if (auto ok = hooks.on_pass(*pass, report, after); !ok) return proto::Unexpected(ok.error());
     earlier = std::move(before);
     before = std::move(after);
   }

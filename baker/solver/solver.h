@@ -31,10 +31,10 @@ struct SolverInput {
 /// One sweep over all texels, between two barriers.
 struct Pass {
   std::string name;
-  std::uint32_t index = 0;         ///< over the whole bake
+  std::uint32_t index = 0;           ///< over the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
   std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
-  double work = 1;  ///< expected effort, in rays per texel
+  double work = 1;                                   ///< expected effort, in rays per texel
 };
 
 /// One light-transport method. A bake calls next(), then run() for ranges that cover every texel
@@ -43,15 +43,16 @@ struct Pass {
 class Solver {
  public:
   virtual ~Solver() = default;
-  /// The pass after those reported, or nothing when the light has converged or the limit is reached.
+  /// The pass after those reported, or nothing when the light has converged or the limit is
+  /// reached.
   virtual std::optional<Pass> next(std::span<const proto::PassReport> done) const = 0;
   virtual std::uint32_t max_passes() const = 0;
   /// Expected effort of all passes, in the unit of Pass::work.
   virtual double total_work() const = 0;
   /// Called once before the pass's batches, from one thread.
   virtual void begin(const Pass&, const Lightmap& /*before*/) {}
-  /// Computes the texels of `range` from the light before the pass; writes no others. `after` starts
-  /// as a copy of `before`. Ranges begin at multiples of pass.batch_texels.
+  /// Computes the texels of `range` from the light before the pass; writes no others. `after`
+  /// starts as a copy of `before`. Ranges begin at multiples of pass.batch_texels.
   /// @return rays traced
   virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
                             Lightmap& after) = 0;

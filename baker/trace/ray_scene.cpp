@@ -12,7 +12,9 @@ namespace kiln::baker {
 namespace {
 
 /// The build calls this now and then; returning false ends it.
-bool keep_building(void* stop, double) { return !static_cast<std::stop_token*>(stop)->stop_requested(); }
+bool keep_building(void* stop, double) {
+  return !static_cast<std::stop_token*>(stop)->stop_requested();
+}
 
 struct LaneMask {
   alignas(64) std::int32_t lane[16];
@@ -38,8 +40,8 @@ void load_rays(const RayPacket& in, RTCRay16& out) {
 RTCIntersectContext make_context(bool coherent) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
-                           : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  context.flags =
+      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   return context;
 }
 
@@ -78,9 +80,8 @@ proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token st
   impl->scene = rtcNewScene(impl->device);
   rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
   const RTCGeometry mesh = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<Vec3*>(
-      rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3),
-                              scene.positions.size()));
+  auto* vertices = static_cast<Vec3*>(rtcSetNewGeometryBuffer(
+      mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3), scene.positions.size()));
   auto* indices = static_cast<std::array<std::uint32_t, 3>*>(
       rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                               sizeof(std::uint32_t) * 3, scene.triangles.size()));
@@ -95,7 +96,7 @@ proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token st
   rtcReleaseGeometry(mesh);
   rtcSetSceneProgressMonitorFunction(impl->scene, keep_building, &stop);
   rtcCommitScene(impl->scene);
-  if (stop.stop_requested()) return proto::fail(proto::kCanceled, "The job was canceled.");
+  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
   if (const RTCError error = rtcGetDeviceError(impl->device); error != RTC_ERROR_NONE) {
     if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
     throw std::runtime_error("Embree error " + std::to_string(error));
@@ -127,7 +128,8 @@ void RayScene::closest(const RayPacket& rays, HitPacket& hits, bool coherent) co
     hits.t[i] = query.ray.tfar[i];
     // Embree's normal follows the right-hand rule, as ours does.
     hits.back[i] = query.hit.Ng_x[i] * rays.dir_x[i] + query.hit.Ng_y[i] * rays.dir_y[i] +
-                       query.hit.Ng_z[i] * rays.dir_z[i] > 0;
+                       query.hit.Ng_z[i] * rays.dir_z[i] >
+                   0;
   }
 }
 

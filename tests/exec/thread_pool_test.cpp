@@ -63,8 +63,8 @@ TEST(ThreadPool, StoppedBeforehandRunsNothing) {
   EXPECT_FALSE(pool.for_batches(3, stop.get_token(), [](std::uint32_t) { FAIL(); }));
 }
 
-// A job of a few batches that arrives while a long one runs is served in turns: it needs about twice
-// the time that it would need alone, not the time of the long job.
+// A job of a few batches that arrives while a long one runs is served in turns: it needs about
+// twice the time that it would need alone, not the time of the long job.
 TEST(ThreadPool, JobsTakeTurns) {
   ThreadPool pool(1);
   std::atomic<int> long_done{0};

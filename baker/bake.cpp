@@ -1,0 +1,205 @@
+#include "baker/bake.h"
+
+#include <sys/resource.h>
+
+#include <atomic>
+#include <chrono>
+#include <utility>
+
+#include "baker/atlas/atlas.h"
+#include "baker/output/files.h"
+#include "baker/output/output.h"
+#include "baker/solver/checkpoint.h"
+#include "baker/solver/solve.h"
+
+namespace kiln::baker {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using proto::Expected;
+using proto::Unexpected;
+
+/// Shares of a bake's time, for the progress bar: what comes before and after the solver.
+constexpr double kImportedAt = 0.05, kSolvingFrom = 0.15, kSolvedAt = 0.92;
+constexpr auto kProgressInterval = std::chrono::milliseconds(50);
+/// Below this share of rays without a back face behind them a texel counts as inside something.
+constexpr float kValidShare = 0.5f;
+
+std::uint64_t peak_memory_bytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return std::uint64_t(usage.ru_maxrss) * 1024;
+}
+
+/// What the ray kernels of this machine run on: results are bit-identical per instruction set.
+const char* instruction_set() {
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return "avx512";
+  if (__builtin_cpu_supports("avx2")) return "avx2";
+  if (__builtin_cpu_supports("avx")) return "avx";
+  return "sse4.2";
+}
+
+/// Reports to the observer: stages with their times, and progress at a bounded rate.
+class Course {
+ public:
+  Course(BakeObserver& observer, proto::Statistics& statistics)
+      : observer_(observer), statistics_(statistics) {}
+
+  void enter(const char* stage, double fraction) {
+    leave();
+    stage_ = stage;
+    start_ = Clock::now();
+    observer_.on_stage(stage);
+    proto::JobProgress p;
+    p.stage = stage_;
+    p.fraction = fraction;
+    observer_.on_progress(p);
+  }
+  void leave() {
+    if (stage_.empty()) return;
+    statistics_.stages.push_back(
+        {stage_, std::chrono::duration<double>(Clock::now() - start_).count()});
+    stage_.clear();
+  }
+  /// From any thread.
+  void batch(const Pass& pass, std::uint32_t done, std::uint32_t total, std::uint32_t max_passes,
+             double residual, double fraction) {
+    const auto now = Clock::now().time_since_epoch().count();
+    auto due = due_.load(std::memory_order_relaxed);
+    if (done < total && now < due) return;
+    const auto next = now + std::chrono::duration_cast<Clock::duration>(kProgressInterval).count();
+    if (!due_.compare_exchange_strong(due, next) && done < total) return;
+    proto::JobProgress p;
+    p.stage = stage_;
+    p.pass = pass.index;
+    p.max_passes = max_passes;
+    p.batches_done = done;
+    p.batches_total = total;
+    p.residual = residual;
+    p.fraction = fraction;
+    observer_.on_progress(p);
+  }
+
+ private:
+  BakeObserver& observer_;
+  proto::Statistics& statistics_;
+  std::string stage_;
+  Clock::time_point start_;
+  std::atomic<Clock::rep> due_{0};
+};
+
+void count_scene(const Scene& scene, const LightSet& lights, proto::Statistics& s) {
+  s.triangles = scene.triangles.size();
+  s.instances = scene.instances.size();
+  s.punctual_lights = scene.lights.size();
+  s.emissive_triangles = lights.area().size();
+}
+
+void count_texels(const Atlas& atlas, const TextureGroup& texels, proto::Statistics& s) {
+  s.texels = texels.size();
+  s.charts = atlas.charts.size();
+  s.texels_per_metre = atlas.texels_per_metre;
+  s.albedo_capped_texels = texels.albedo_capped;
+}
+
+void count_light(const Solution& solution, proto::Statistics& s) {
+  s.passes = solution.passes;
+  s.tail_scale = solution.tail_scale;
+  for (const auto& p : solution.passes) s.rays += p.rays;
+  for (const float v : solution.light->validity) s.invalid_texels += v < kValidShare;
+}
+
+void warn_of_texels(const proto::Statistics& s, std::vector<proto::Warning>& warnings) {
+  if (s.albedo_capped_texels > 0)
+    warnings.push_back({"albedo_capped", "",
+                        std::to_string(s.albedo_capped_texels) + " of " + std::to_string(s.texels) +
+                            " texels had an albedo above 0.98, which was lowered to 0.98 so that "
+                            "the light between surfaces converges."});
+  if (s.invalid_texels > 0)
+    warnings.push_back({"texels_inside_geometry", "",
+                        std::to_string(s.invalid_texels) + " of " + std::to_string(s.texels) +
+                            " texels see mostly the backs of surfaces: they lie inside or behind "
+                            "other geometry, and are dark."});
+}
+
+/// The solve stage: passes with checkpoints and snapshots.
+Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
+                                const std::shared_ptr<const TextureGroup>& texels,
+                                const LightSet& lights, ThreadPool& pool, std::stop_token stop,
+                                BakeObserver& observer, Course& course, const std::string& key) {
+  auto rays = RayScene::build(scene, stop);
+  if (!rays) return Unexpected(rays.error());
+  const TexelLookup lookup(scene, atlas, *texels);
+  const SolverInput solver_input{
+      scene, atlas, *texels, *rays, lights, lookup, input.settings.solver};
+  const auto solver = make_solver(solver_input);
+  std::vector<proto::PassReport> passes;
+  double work_done = 0, residual = 1;
+  const double work = solver->total_work();
+  SolveHooks hooks;
+  hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
+    const double share = (work_done + pass.work * done / total) / work;
+    course.batch(pass, done, total, solver->max_passes(), residual,
+                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * std::min(1.0, share));
+  };
+  hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
+                      std::shared_ptr<const Lightmap> light) -> Expected<void> {
+    work_done += pass.work;
+    residual = report.residual;
+    passes.push_back(report);
+    observer.on_pass(report);
+    if (!input.checkpoint_dir.empty())
+      if (auto ok = write_checkpoint(input.checkpoint_dir, key, passes, *light); !ok) return ok;
+    observer.on_snapshot({texels, std::move(light), report.index});
+    return {};
+  };
+  return solve(*solver, *texels, pool, stop, hooks);
+}
+
+}  // namespace
+
+Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::stop_token stop,
+                               BakeObserver& observer) {
+  proto::Manifest manifest;
+  manifest.version = LIGHTKILN_VERSION;
+  manifest.scene_sha256 = input.scene_sha256;
+  manifest.instruction_set = instruction_set();
+  manifest.settings = input.settings;
+  Course course(observer, manifest.statistics);
+
+  course.enter("import", 0);
+  auto scene = import_scene(input.files, input.settings, input.limits, stop);
+  if (!scene) return Unexpected(scene.error());
+  manifest.warnings = scene->warnings;
+  for (const auto& w : scene->warnings) observer.on_warning(w);
+  const LightSet lights(*scene);
+  count_scene(*scene, lights, manifest.statistics);
+
+  course.enter("atlas", kImportedAt);
+  const auto atlas = build_atlas(*scene, input.settings.atlas, stop);
+  if (!atlas) return Unexpected(atlas.error());
+  auto rasterised = rasterise(*scene, *atlas, stop);
+  if (!rasterised) return Unexpected(rasterised.error());
+  const auto texels = std::make_shared<const TextureGroup>(std::move(*rasterised));
+  count_texels(*atlas, *texels, manifest.statistics);
+
+  course.enter("solve", kSolvingFrom);
+  const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
+                                     course, input.scene_sha256);
+  if (!solution) return Unexpected(solution.error());
+  count_light(*solution, manifest.statistics);
+  const std::size_t reported = manifest.warnings.size();
+  warn_of_texels(manifest.statistics, manifest.warnings);
+
+  course.enter("output", kSolvedAt);
+  manifest.statistics.peak_memory_bytes = peak_memory_bytes();
+  const OutputInput output{input.files, *scene, *atlas, *texels, *solution->light};
+  if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, stop); !ok)
+    return Unexpected(ok.error());
+  for (std::size_t i = reported; i < manifest.warnings.size(); ++i)
+    observer.on_warning(manifest.warnings[i]);
+  course.leave();
+  return manifest;
+}
+
+}  // namespace kiln::baker
