@@ -90,8 +90,8 @@ struct Scene {
   std::vector<Vec2> lightmap_uv;    ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
   /// Which element of the glTF primitive's accessors each vertex came from. A part holds the vertices
-  /// that its triangles use and no others, in ascending order of this; where the primitive has no
-  /// normals a source vertex appears once per triangle corner, so that faces are flat. Two faces of
+  /// that its triangles use and no others: in ascending order of this, each once; or, where the
+  /// primitive has no normals, three for each triangle in turn, so that faces are flat. Two faces of
   /// one part are joined where they share source vertices, not scene vertices.
   std::vector<std::uint32_t> source_vertex;
 

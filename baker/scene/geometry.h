@@ -1,0 +1,61 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "baker/scene/accessors.h"
+#include "baker/scene/transform.h"
+
+namespace kiln::baker {
+
+/// What all parts of a scene together have taken of the import's limits.
+class GeometryBudget {
+ public:
+  explicit GeometryBudget(const ImportLimits& limits)
+      : vertices_(limits.vertices), triangles_(limits.triangles) {}
+  /// Errors: `limit_exceeded`, with nothing taken.
+  proto::Expected<void> take(std::uint64_t vertices, std::uint64_t triangles,
+                             const std::string& pointer);
+
+ private:
+  std::uint64_t vertices_, triangles_;
+};
+
+/// A checked glTF primitive that holds triangles, in its own space.
+struct PrimitiveSource {
+  std::string pointer;
+  AccessorView positions;
+  std::optional<AccessorView> normals, colors;
+  std::vector<std::optional<AccessorView>> uv_sets;  ///< TEXCOORD_n
+  std::vector<std::uint32_t> used;  ///< source vertices that triangles name, ascending
+  std::vector<std::array<std::uint32_t, 3>> triangles;  ///< into `used`, glTF order
+  std::uint64_t vertex_bound = 0;  ///< at most as many vertices come of placing it
+};
+
+/// Opens a primitive and assembles its triangles from lists, strips and fans. Nothing when it holds
+/// none: points, lines, no positions (with a warning). The memory taken is first asked of `budget`.
+/// Errors: `invalid_scene`, `unsupported_extension`, `limit_exceeded`, `canceled`.
+proto::Expected<std::optional<PrimitiveSource>> open_primitive(Document&, Accessors&,
+                                                               std::uint32_t mesh,
+                                                               std::uint32_t primitive,
+                                                               GeometryBudget& budget,
+                                                               const std::stop_token&);
+
+/// A primitive in world space, as Scene wants it; triangles count from its own first vertex.
+struct WorldPrimitive {
+  std::vector<Vec3> positions, normals;
+  std::vector<std::uint32_t> source_vertex;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::uint64_t degenerate = 0;      ///< triangles without area, left out
+  std::uint64_t broken_normals = 0;  ///< zero normals, replaced by those of the faces
+};
+
+/// Errors: `invalid_scene` when positions leave [-1e9 m, 1e9 m], `canceled`.
+proto::Expected<WorldPrimitive> place_primitive(const PrimitiveSource&, const Transform& to_world,
+                                                const std::stop_token&);
+
+}  // namespace kiln::baker

@@ -1,0 +1,231 @@
+#include "baker/scene/gltf_document.h"
+
+#include <nlohmann/json.hpp>
+
+#include "baker/scene/accessors.h"
+#include "baker/scene/container.h"
+#include "baker/scene/extensions.h"
+#include "baker/scene/gltf_json.h"
+#include "baker/scene/tinygltf.h"
+#include "baker/scene/uri.h"
+
+namespace kiln::baker {
+namespace {
+
+using nlohmann::json;
+using proto::Expected;
+using proto::Unexpected;
+
+Unexpected invalid(const std::string& why, const std::string& pointer) {
+  return proto::fail("invalid_scene", why, "scene", pointer);
+}
+
+/// "2.0" as {2, 0}; nothing for other texts.
+std::optional<std::pair<int, int>> parse_version(const std::string& text) {
+  int major = 0, minor = 0, used = 0;
+  if (text.size() > 8 || std::sscanf(text.c_str(), "%d.%d%n", &major, &minor, &used) != 2 ||
+      used != static_cast<int>(text.size())) {
+    return std::nullopt;
+  }
+  return std::pair{major, minor};
+}
+
+Expected<void> check_version(const json& asset) {
+  const auto version = parse_version(asset.at("version").get<std::string>());
+  if (!version || version->first != 2)
+    return invalid("expected glTF version 2.x", "/asset/version");
+  if (!asset.contains("minVersion")) return {};
+  const auto least = parse_version(asset.at("minVersion").get<std::string>());
+  if (!least || *least > std::pair{2, 0} || *least > *version) {
+    return invalid("the scene needs a newer glTF than 2.0", "/asset/minVersion");
+  }
+  return {};
+}
+
+/// Bytes of one buffer; nothing for one that neither has a URI nor is the .glb's own.
+Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const json& buffer,
+                                                       std::size_t index,
+                                                       const Container& container) {
+  const std::string at = pointer_to("/buffers", index);
+  if (!buffer.contains("uri")) {
+    return index == 0 ? container.binary : std::optional<std::string_view>();
+  }
+  const auto& uri = buffer.at("uri").get_ref<const std::string&>();
+  if (!is_data_uri(uri)) {
+    const auto file = document.files.side_file(uri, at + "/uri");
+    if (!file) return Unexpected(file.error());
+    return std::optional(*file);
+  }
+  auto data = decode_data_uri(uri, at + "/uri");
+  if (!data) return Unexpected(data.error());
+  document.decoded.push_back(std::make_unique<std::string>(std::move(data->bytes)));
+  return std::optional<std::string_view>(*document.decoded.back());
+}
+
+Expected<void> load_buffers(Document& document, const json& buffers, const Container& container,
+                            const std::stop_token& stop) {
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    if (stop.stop_requested()) return proto::fail(proto::kCanceled, "canceled");
+    const auto bytes = buffer_bytes(document, buffers[i], i, container);
+    if (!bytes) return Unexpected(bytes.error());
+    const auto length = buffers[i].at("byteLength").get<std::uint64_t>();
+    if (*bytes && (*bytes)->size() < length) {
+      return invalid("expects " + std::to_string(length) + " bytes, but its data has " +
+                         std::to_string((*bytes)->size()),
+                     pointer_to("/buffers", i) + "/byteLength");
+    }
+    document.buffers.push_back(*bytes ? std::optional((*bytes)->substr(0, length)) : std::nullopt);
+  }
+  return {};
+}
+
+Expected<void> check_buffer_views(const tinygltf::Model& model, const json& buffers) {
+  for (std::size_t i = 0; i < model.bufferViews.size(); ++i) {
+    const auto& view = model.bufferViews[i];
+    const auto length =
+        buffers[static_cast<std::size_t>(view.buffer)].at("byteLength").get<std::uint64_t>();
+    if (view.byteOffset > length || view.byteLength > length - view.byteOffset) {
+      return invalid("reaches beyond its buffer of " + std::to_string(length) + " bytes",
+                     pointer_to("/bufferViews", i));
+    }
+    if (view.byteStride % 4 != 0) {
+      return invalid("expected a multiple of 4", pointer_to("/bufferViews", i) + "/byteStride");
+    }
+  }
+  return {};
+}
+
+/// Takes a member out of the document; an empty array when it is absent.
+json take(json& document, const char* name) {
+  json out = json::array();
+  if (const auto member = document.find(name); member != document.end()) {
+    out = std::move(*member);
+    document.erase(member);
+  }
+  return out;
+}
+
+void read_images(Document& document, const json& images) {
+  for (const json& image : images) {
+    document.images.push_back(
+        {image.value("uri", ""), image.value("mimeType", ""), image.value("bufferView", -1)});
+  }
+}
+
+/// The library refuses such primitives without saying where they are.
+Expected<void> check_index_accessors(const json& document) {
+  if (!document.contains("meshes") || !document.contains("accessors")) return {};
+  const json& accessors = document.at("accessors");
+  for (const json& mesh : document.at("meshes")) {
+    for (const json& primitive : mesh.at("primitives")) {
+      if (!primitive.contains("indices")) continue;
+      const auto index = primitive.at("indices").get<std::size_t>();
+      if (!accessors[index].contains("bufferView")) {
+        return invalid("indices without a buffer view draw nothing",
+                       pointer_to("/accessors", index));
+      }
+    }
+  }
+  return {};
+}
+
+/// The checked and pruned document, read into the library's structures.
+Expected<void> read_model(Document& document, const json& pruned) {
+  const std::string text = pruned.dump();
+  tinygltf::TinyGLTF parser;
+  std::string error, warning;
+  if (!parser.LoadASCIIFromString(document.model.get(), &error, &warning, text.data(),
+                                  static_cast<unsigned>(text.size()), "")) {
+    return invalid("not a valid glTF document: " + shortened(error, 200), "");
+  }
+  return {};
+}
+
+/// JSON text to `model`, with all that the library must not see beside it.
+Expected<void> read_document(Document& document, const Container& container,
+                             const ImportLimits& limits, const std::stop_token& stop) {
+  auto parsed = parse_gltf_json(container.json);
+  if (!parsed) return Unexpected(parsed.error());
+  if (auto known = check_required_extensions(*parsed); !known) return known;
+  if (auto checked = check_and_prune(*parsed); !checked) return checked;
+  if (auto version = check_version(parsed->at("asset")); !version) return version;
+  if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
+    return proto::fail("limit_exceeded", "more than " + std::to_string(limits.nodes) + " nodes",
+                       "scene", "/nodes");
+  }
+  if (auto usable = check_index_accessors(*parsed); !usable) return usable;
+  const json buffers = take(*parsed, "buffers");
+  read_images(document, take(*parsed, "images"));
+  document.has_animations = !take(*parsed, "animations").empty();
+  take(*parsed, "skins");
+  take(*parsed, "cameras");
+  if (stop.stop_requested()) return proto::fail(proto::kCanceled, "canceled");
+  if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
+  if (auto model = read_model(document, *parsed); !model) return model;
+  return check_buffer_views(*document.model, buffers);
+}
+
+}  // namespace
+
+Expected<std::string_view> FileCache::load(const std::filesystem::path& path,
+                                           const std::string& pointer) {
+  if (const auto known = bytes_.find(path); known != bytes_.end()) return known->second;
+  auto bytes = read_file(path, left_);
+  if (!bytes) {
+    bytes.error().details = {{"scene", pointer, bytes.error().message}};
+    return Unexpected(bytes.error());
+  }
+  left_ -= bytes->size();
+  return bytes_.emplace(path, std::move(*bytes)).first->second;
+}
+
+Expected<std::string_view> FileCache::main_file() {
+  return load(files_.main, "");
+}
+
+Expected<std::filesystem::path> FileCache::find(const std::string& uri,
+                                                const std::string& pointer) const {
+  return find_side_file(files_, uri, pointer);
+}
+
+Expected<std::string_view> FileCache::side_file(const std::string& uri,
+                                                const std::string& pointer) {
+  const auto path = find(uri, pointer);
+  if (!path) return Unexpected(path.error());
+  return load(*path, pointer);
+}
+
+Document::Document(const SceneFiles& scene_files, const ImportLimits& limits)
+    : model(std::make_unique<tinygltf::Model>()), files(scene_files, limits.file_bytes) {}
+Document::Document(Document&&) noexcept = default;
+Document::~Document() = default;
+
+Expected<Document> open_document(const SceneFiles& files, const ImportLimits& limits,
+                                 std::stop_token stop) {
+  Document document(files, limits);
+  const auto bytes = document.files.main_file();
+  if (!bytes) return Unexpected(bytes.error());
+  const auto container = open_container(*bytes);
+  if (!container) return Unexpected(container.error());
+  if (container->json.size() > limits.json_bytes) {
+    return proto::fail("limit_exceeded",
+                       "the JSON is longer than " + std::to_string(limits.json_bytes) + " bytes",
+                       "scene", "");
+  }
+  if (auto read = read_document(document, *container, limits, stop); !read) {
+    return Unexpected(read.error());
+  }
+  if (auto checked = check_accessors(document); !checked) return Unexpected(checked.error());
+  warn_of_extensions(document);
+  return document;
+}
+
+Expected<std::string_view> buffer_view_bytes(const Document& document, int view,
+                                             const std::string& pointer) {
+  const auto& v = document.model->bufferViews[static_cast<std::size_t>(view)];
+  const auto& buffer = document.buffers[static_cast<std::size_t>(v.buffer)];
+  if (!buffer) return invalid("its buffer has no data", pointer);
+  return buffer->substr(v.byteOffset, v.byteLength);
+}
+
+}  // namespace kiln::baker

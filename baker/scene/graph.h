@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "baker/scene/gltf_document.h"
+#include "baker/scene/transform.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// A node of the scene to bake, with its transform to world space.
+struct PlacedNode {
+  std::uint32_t node = 0;
+  Transform to_world;
+};
+
+/// The nodes of the document's scene (`scene`, else the first; a file without scenes: all roots,
+/// with a warning), parents before children, in document order. Errors: `invalid_scene`: cycles,
+/// nodes with two parents, a scene that lists a child, transforms that aren't affine;
+/// `limit_exceeded`: too deep.
+proto::Expected<std::vector<PlacedNode>> place_nodes(Document&, const ImportLimits&);
+
+}  // namespace kiln::baker

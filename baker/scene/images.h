@@ -1,0 +1,19 @@
+#pragma once
+
+#include <stop_token>
+
+#include "baker/scene/gltf_document.h"
+#include "baker/scene/scene.h"
+
+namespace kiln::baker {
+
+/// Decodes the images that materials of `scene` name (glTF indices until then), each once, and
+/// makes the textures name Scene::images instead. PNG and JPEG by their first bytes, any depth and
+/// number of channels; other formats are left out with a warning, so that the factor alone is used.
+/// Errors: `invalid_image`, `missing_file`, `limit_exceeded`, `canceled`.
+proto::Expected<void> load_images(Document&, Scene&, const ImportLimits&, const std::stop_token&);
+
+/// Everything of load_images short of decoding: that sources exist.
+proto::Expected<void> find_images(Document&, const std::vector<Material>&);
+
+}  // namespace kiln::baker

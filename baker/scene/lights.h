@@ -1,0 +1,26 @@
+#pragma once
+
+#include <vector>
+
+#include "baker/scene/gltf_document.h"
+#include "baker/scene/graph.h"
+#include "baker/scene/scene.h"
+#include "proto/bake_settings.h"
+
+namespace kiln::baker {
+
+/// Adds the lights of KHR_lights_punctual at the placed nodes to the scene.
+/// Errors: `invalid_scene`, `limit_exceeded`.
+proto::Expected<void> add_punctual_lights(Scene&, Document&, const std::vector<PlacedNode>&,
+                                          const ImportLimits&);
+
+/// Adds the sky and the lights of the settings. A rectangle is centred on its position; its width
+/// runs along the horizontal (along +X where it faces straight up or down). Errors:
+/// `invalid_settings`: a light without a direction, or with an empty cone or area.
+proto::Expected<void> add_settings_lights(Scene&, const proto::BakeSettings&);
+
+/// `no_light` unless something emits. `emissive` tells whether a triangle with an emissive material
+/// was found.
+proto::Expected<void> require_light(const Scene&, bool emissive, const proto::BakeSettings&);
+
+}  // namespace kiln::baker
