@@ -39,8 +39,8 @@ struct InstancePlacement {
 struct Atlas {
   std::uint32_t page_size = 0;
   std::uint32_t page_count = 0;
-  float texels_per_metre = 0;  ///< median over the surface
-  std::vector<AtlasVertex> vertices;  ///< those of part k: [part_first_vertex[k], [k+1])
+  float texels_per_metre = 0;                    ///< median over the surface
+  std::vector<AtlasVertex> vertices;             ///< those of part k: [part_first_vertex[k], [k+1])
   std::vector<std::uint32_t> part_first_vertex;  ///< parts + 1 entries
   std::vector<std::array<std::uint32_t, 3>> triangles;  ///< parallel to Scene::triangles
   std::vector<std::uint32_t> triangle_chart;            ///< parallel to Scene::triangles
@@ -53,14 +53,12 @@ struct Atlas {
   /// Page coordinates, in texels, of a point on a triangle.
   Vec2 uv_at(std::uint32_t triangle, Bary t) const {
     const auto& v = triangles[triangle];
-    return vertices[v[0]].uv * (1 - t.u - t.v) + vertices[v[1]].uv * t.u +
-           vertices[v[2]].uv * t.v;
+    return vertices[v[0]].uv * (1 - t.u - t.v) + vertices[v[1]].uv * t.u + vertices[v[2]].uv * t.v;
   }
 };
 
 /// Uses TEXCOORD_1 where it is a valid lightmap parameterisation, unwraps otherwise.
 /// Errors: `invalid_lightmap_uv` (unwrap = existing), `atlas_full`, `canceled`.
-proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&,
-                                   std::stop_token = {});
+proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&, std::stop_token = {});
 
 }  // namespace kiln::baker

@@ -43,22 +43,22 @@ struct TextureGroup {
   std::vector<Page> pages;
   std::uint32_t front_count = 0;
 
-  std::vector<Vec3> position;          ///< m: a point of the surface near the footprint's centroid
-  std::vector<Vec3> geometric_normal;  ///< unit
-  std::vector<Vec3> shading_normal;    ///< unit
-  std::vector<Rgb> albedo;             ///< mean over the footprint, capped at kMaxAlbedo
-  std::vector<Rgb> emission;           ///< cd/m2, mean over the footprint
-  std::vector<float> area_m2;          ///< world area of the covered part; sums to the surface's
-  std::vector<float> coverage;         ///< covered share of the texel's square, (0, 1]
-  std::vector<std::uint32_t> triangle; ///< the one that covers most
+  std::vector<Vec3> position;           ///< m: a point of the surface near the footprint's centroid
+  std::vector<Vec3> geometric_normal;   ///< unit
+  std::vector<Vec3> shading_normal;     ///< unit
+  std::vector<Rgb> albedo;              ///< mean over the footprint, capped at kMaxAlbedo
+  std::vector<Rgb> emission;            ///< cd/m2, mean over the footprint
+  std::vector<float> area_m2;           ///< world area of the covered part; sums to the surface's
+  std::vector<float> coverage;          ///< covered share of the texel's square, (0, 1]
+  std::vector<std::uint32_t> triangle;  ///< the one that covers most
   std::vector<std::uint32_t> chart;
   std::vector<std::uint16_t> page;
-  std::vector<std::uint16_t> x, y;     ///< on the page
-  std::vector<std::int32_t> back;      ///< the back's texel, -1 for one-sided surfaces and for backs
+  std::vector<std::uint16_t> x, y;  ///< on the page
+  std::vector<std::int32_t> back;   ///< the back's texel, -1 for one-sided surfaces and for backs
   /// Stratified by area over the covered footprint, all of the texel's own chart. Equal weights.
-  std::vector<SamplePoint> points;     ///< kPointsPerTexel per texel
+  std::vector<SamplePoint> points;  ///< kPointsPerTexel per texel
 
-  std::uint64_t albedo_capped = 0;     ///< texels that the cap changed
+  std::uint64_t albedo_capped = 0;  ///< texels that the cap changed
 
   std::uint32_t size() const { return static_cast<std::uint32_t>(position.size()); }
   bool is_back(std::uint32_t texel) const { return texel >= front_count; }

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "baker/atlas/clip.h"
+
+namespace kiln::baker::atlas_detail {
+
+inline constexpr std::uint32_t kBlock = 8;  ///< rows of a band, and side of a texel block
+
+/// What one triangle covers of one texel of a band.
+struct Fragment {
+  std::uint32_t key = 0;  ///< texel's place in the band: block, then row, then column
+  std::uint32_t triangle = 0;
+  double area = 0;  ///< texels^2
+};
+
+/// Cuts the triangles of an atlas into fragments, page by page, band of 8 rows by band. Memory is
+/// bounded by the triangles and one band, whatever the page's size.
+class BandSweep {
+ public:
+  explicit BandSweep(const Atlas&);
+
+  std::uint32_t bands() const { return bands_; }
+  /// Triangles without area on their page; they have no fragments.
+  const std::vector<std::uint32_t>& flat_triangles() const { return flat_; }
+
+  /// Fragments of the next band in (page, band) order, sorted by texel, then by first row of their
+  /// triangle and its index. False when a band holds more than kMaxFragments.
+  bool next();
+  std::uint32_t page() const { return page_; }
+  std::uint32_t band() const { return band_; }
+  const std::vector<Fragment>& fragments() const { return sorted_; }
+
+  static constexpr std::size_t kMaxFragments = std::size_t(1) << 25;
+
+ private:
+  void start_triangles();
+  bool cut_active();
+  void sort_by_texel();
+
+  const Atlas& atlas_;
+  std::uint32_t bands_ = 0;  ///< per page
+  std::uint32_t page_ = 0, band_ = 0, step_ = 0;
+  std::vector<std::uint32_t> first_;   ///< per (page, band): begin in order_
+  std::vector<std::uint32_t> order_;   ///< triangles by the band that they start in
+  std::vector<std::uint32_t> active_;  ///< triangles that reach the current band
+  std::vector<std::uint32_t> flat_;
+  std::vector<Fragment> fragments_, sorted_;
+  std::vector<std::uint32_t> offsets_;
+};
+
+}  // namespace kiln::baker::atlas_detail

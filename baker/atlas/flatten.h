@@ -1,0 +1,37 @@
+#pragma once
+
+#include <span>
+
+#include "baker/atlas/unwrap.h"
+
+namespace kiln::baker::atlas_detail {
+
+inline double dot(const Vec3d& a, const Vec3d& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+inline double length(const Vec3d& a) {
+  return std::sqrt(dot(a, a));
+}
+inline Vec3d add(const Vec3d& a, const Vec3d& b, double scale) {
+  return {a.x + b.x * scale, a.y + b.y * scale, a.z + b.z * scale};
+}
+/// +Y when `a` has no direction.
+inline Vec3d unit(const Vec3d& a) {
+  const double l = length(a);
+  return l > 0 ? Vec3d{a.x / l, a.y / l, a.z / l} : Vec3d{0, 1, 0};
+}
+inline Vec3d cross(const Vec3d& a, const Vec3d& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+/// Normal of a triangle, as long as twice its area.
+Vec3d normal_of(Vec3 a, Vec3 b, Vec3 c);
+/// Area-weighted, unit.
+Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> normal,
+                  std::span<const double> area);
+
+/// The frame across `axis` whose bounding rectangle of the points is least in area, width >=
+/// height. Looks at the convex hull's edges, at most 64 of them.
+ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis);
+
+}  // namespace kiln::baker::atlas_detail

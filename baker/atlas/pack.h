@@ -1,0 +1,17 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+namespace kiln::baker::atlas_detail {
+
+struct PackRect {
+  std::uint32_t width = 0, height = 0;
+  std::uint32_t x = 0, y = 0;  ///< result: lower corner
+};
+
+/// Places the rectangles in a square of `size` without overlap or rotation (skyline, tallest
+/// first). False when they do not all fit; x and y are then meaningless. Equal input, equal result.
+bool pack_square(std::span<PackRect>, std::uint32_t size);
+
+}  // namespace kiln::baker::atlas_detail

@@ -1,0 +1,172 @@
+#include "baker/atlas/unwrap.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "baker/atlas/flatten.h"
+
+namespace kiln::baker::atlas_detail {
+namespace {
+
+constexpr double kConeCosine = 0.766;    ///< cos 40 deg
+constexpr double kSteepCosine = 0.4226;  ///< cos 65 deg
+constexpr std::uint32_t kGridCells = 4096;
+constexpr std::uint32_t kNone = Surface::kNone;
+
+}  // namespace
+
+Unwrapped Unwrapper::unwrap(const Scene& scene, const Instance& instance, std::stop_token stop) {
+  load(scene, instance);
+  std::vector<std::uint32_t> seeds(surface_.triangles.size());
+  std::iota(seeds.begin(), seeds.end(), 0u);
+  std::stable_sort(seeds.begin(), seeds.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return area_[a] > area_[b]; });
+  for (const std::uint32_t seed : seeds) {
+    if (chart_[seed] != kNone) continue;
+    if (stop.stop_requested()) return {};
+    make_chart(seed);
+  }
+  return {std::move(surface_.triangles), std::move(chart_), std::move(frames_)};
+}
+
+void Unwrapper::load(const Scene& scene, const Instance& instance) {
+  scene_ = &scene;
+  surface_ = weld(scene, instance, WeldBy::kPosition);
+  const std::size_t n = surface_.triangles.size();
+  normal_.resize(n);
+  area_.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto& v = scene.triangles[surface_.triangles[i]];
+    const Vec3d twice =
+        normal_of(scene.positions[v[0]], scene.positions[v[1]], scene.positions[v[2]]);
+    area_[i] = length(twice) / 2;
+    normal_[i] = unit(twice);
+  }
+  chart_.assign(n, kNone);
+  mark_.assign(n, 0);
+  growth_ = 0;
+  frames_.clear();
+  limit_ = n;
+}
+
+void Unwrapper::make_chart(std::uint32_t seed) {
+  grow(seed, false, limit_);
+  Vec3d axis = mean_normal(members_, normal_, area_);
+  if (!within(axis, kSteepCosine)) {  // the mean has wandered off from the first faces
+    grow(seed, true, limit_);
+    axis = normal_[seed];
+  }
+  if (members_.size() > 2 && covers_itself(axis)) {
+    grow_flat(seed, axis);
+    // Growing everything again for each sheet of a spiral would cost the square of their number.
+    limit_ = std::max<std::size_t>(2 * members_.size(), 16);
+  } else if (members_.size() >= limit_) {
+    limit_ *= 2;
+  }
+  for (const std::uint32_t face : members_) chart_[face] = std::uint32_t(frames_.size());
+  frames_.push_back(frame_for(axis));
+}
+
+/// Collects members_ from the seed by best fit. With a fixed axis the seed's normal stays the
+/// measure, otherwise it is the mean so far.
+void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
+  ++growth_;
+  members_.clear();
+  queue_.assign(1, {0, seed});
+  Vec3d sum{};
+  Vec3d axis = normal_[seed];
+  while (!queue_.empty() && members_.size() < limit) {
+    std::pop_heap(queue_.begin(), queue_.end());
+    const std::uint32_t face = queue_.back().face;
+    queue_.pop_back();
+    if (mark_[face] == growth_ || dot(normal_[face], axis) < kConeCosine) continue;
+    mark_[face] = growth_;
+    members_.push_back(face);
+    if (!fixed_axis) {
+      sum = add(sum, normal_[face], area_[face]);
+      axis = unit(sum);
+    }
+    for (const std::uint32_t next : surface_.neighbour[face]) {
+      if (next == kNone || chart_[next] != kNone || mark_[next] == growth_) continue;
+      const double cosine = dot(normal_[next], axis);
+      if (cosine < kConeCosine) continue;
+      queue_.push_back({1 - cosine, next});
+      std::push_heap(queue_.begin(), queue_.end());
+    }
+  }
+}
+
+bool Unwrapper::within(const Vec3d& axis, double least_cosine) const {
+  return std::all_of(members_.begin(), members_.end(),
+                     [&](std::uint32_t face) { return dot(normal_[face], axis) >= least_cosine; });
+}
+
+/// Sets the grid so that an average face spans some four cells, and a texel two.
+void Unwrapper::open_grid(const Vec3d& axis) {
+  grid_frame_ = frame_for(axis);
+  double area = 0;
+  for (const std::uint32_t face : members_) area += area_[face] * dot(normal_[face], axis);
+  const double longest = std::max(grid_frame_.width, grid_frame_.height);
+  const double cell = std::min(std::sqrt(area / double(members_.size())) / 4, texel_m_ / 2);
+  const double cells =
+      std::clamp(std::ceil(longest / std::max(cell, longest * 1e-6)), 16.0, double(kGridCells));
+  cells_per_metre_ = longest > 0 ? cells / longest : 0;
+  grid_.begin(std::uint32_t(cells));
+}
+
+OverlapGrid::Triangle Unwrapper::on_grid(std::uint32_t face) const {
+  OverlapGrid::Triangle t;
+  const auto& v = scene_->triangles[surface_.triangles[face]];
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Point p = grid_frame_.project(scene_->positions[v[i]]);
+    t[i] = {p.x * cells_per_metre_, p.y * cells_per_metre_};
+  }
+  return t;
+}
+
+bool Unwrapper::covers_itself(const Vec3d& axis) {
+  open_grid(axis);
+  return std::any_of(members_.begin(), members_.end(), [&](std::uint32_t face) {
+    const auto triangle = on_grid(face);
+    const auto found = grid_.probe(triangle);
+    if (found.shallow > 0 || found.deep_with != OverlapGrid::kNone) return true;
+    grid_.add(triangle);
+    return false;
+  });
+}
+
+/// Grows once more within members_, breadth first from the seed, leaving out what would cover faces
+/// that are already in.
+void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
+  open_grid(axis);
+  const std::uint32_t allowed = growth_;
+  const std::uint32_t taken = ++growth_;
+  std::vector<std::uint32_t> kept{seed};
+  mark_[seed] = taken;
+  grid_.add(on_grid(seed));
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
+      if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
+      const auto triangle = on_grid(next);
+      const auto found = grid_.probe(triangle);
+      if (found.shallow > 0 || found.deep_with != OverlapGrid::kNone) continue;
+      mark_[next] = taken;
+      grid_.add(triangle);
+      kept.push_back(next);
+    }
+  }
+  members_ = std::move(kept);
+}
+
+ChartFrame Unwrapper::frame_for(const Vec3d& axis) const {
+  std::vector<Vec3> corners;
+  corners.reserve(members_.size() * 3);
+  for (const std::uint32_t face : members_) {
+    for (const std::uint32_t v : scene_->triangles[surface_.triangles[face]]) {
+      corners.push_back(scene_->positions[v]);
+    }
+  }
+  return smallest_frame(corners, axis);
+}
+
+}  // namespace kiln::baker::atlas_detail

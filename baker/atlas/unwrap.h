@@ -1,0 +1,86 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <stop_token>
+#include <vector>
+
+#include "baker/atlas/clip.h"
+#include "baker/atlas/overlap_grid.h"
+#include "baker/atlas/weld.h"
+#include "baker/scene/scene.h"
+
+namespace kiln::baker::atlas_detail {
+
+/// Double precision direction or position.
+struct Vec3d {
+  double x = 0, y = 0, z = 0;
+};
+
+/// A chart's plane: the projection that lays it flat, in metres, lower corner at (0, 0).
+struct ChartFrame {
+  Vec3d origin, u, v;  ///< u, v: orthonormal; cross(u, v) is the chart's mean normal
+  double width = 0, height = 0;
+
+  Point project(Vec3 p) const {
+    const Vec3d d{double(p.x) - origin.x, double(p.y) - origin.y, double(p.z) - origin.z};
+    return {d.x * u.x + d.y * u.y + d.z * u.z, d.x * v.x + d.y * v.y + d.z * v.z};
+  }
+};
+
+/// One instance cut into charts.
+struct Unwrapped {
+  std::vector<std::uint32_t> triangles;  ///< indices into Scene::triangles, ascending
+  std::vector<std::uint32_t> chart;      ///< per triangle
+  std::vector<ChartFrame> frames;        ///< per chart
+};
+
+/// Cuts surfaces into charts and lays each flat. Charts grow face by face from large faces, the
+/// face nearest to the chart's mean normal first, as long as it lies within a cone of 40 degrees
+/// around it. No face is projected at more than 65 degrees, so none is flipped; a chart that would
+/// cover itself (a spiral, an overhang) is cut where it does. Time is O(n log n).
+class Unwrapper {
+ public:
+  /// `texel_m`: the least side of a texel that the charts may end up with; overlaps of less than
+  /// half of it go unseen. Empty when stopped.
+  explicit Unwrapper(double texel_m) : texel_m_(texel_m) {}
+  Unwrapped unwrap(const Scene&, const Instance&, std::stop_token);
+
+ private:
+  struct Candidate {
+    double deviation = 0;  ///< 1 - cosine to the chart's normal when it was met
+    std::uint32_t face = 0;
+
+    /// Heap order: the least deviation on top, then the lowest number.
+    bool operator<(const Candidate& o) const {
+      return deviation != o.deviation ? deviation > o.deviation : face > o.face;
+    }
+  };
+  void load(const Scene&, const Instance&);
+  void make_chart(std::uint32_t seed);
+  void grow(std::uint32_t seed, bool fixed_axis, std::size_t limit);
+  bool within(const Vec3d& axis, double least_cosine) const;
+  bool covers_itself(const Vec3d& axis);
+  void grow_flat(std::uint32_t seed, const Vec3d& axis);
+  ChartFrame frame_for(const Vec3d& axis) const;
+  OverlapGrid::Triangle on_grid(std::uint32_t face) const;
+  void open_grid(const Vec3d& axis);
+
+  double texel_m_ = 0;
+  const Scene* scene_ = nullptr;
+  Surface surface_;
+  std::vector<Vec3d> normal_;         ///< per face, unit
+  std::vector<double> area_;          ///< per face, m2
+  std::vector<std::uint32_t> chart_;  ///< per face, kNone: not yet in one
+  std::vector<std::uint32_t> mark_;   ///< per face: last growth that took it
+  std::uint32_t growth_ = 0;
+  std::vector<std::uint32_t> members_;  ///< faces of the growing chart, in order of growth
+  std::vector<Candidate> queue_;
+  std::vector<ChartFrame> frames_;
+  std::size_t limit_ = 0;  ///< most faces of the next growth
+  OverlapGrid grid_;
+  ChartFrame grid_frame_;
+  double cells_per_metre_ = 0;
+};
+
+}  // namespace kiln::baker::atlas_detail
