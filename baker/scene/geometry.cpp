@@ -21,7 +21,7 @@ Unexpected invalid(const std::string& why, const std::string& pointer) {
   return proto::fail("invalid_scene", why, "scene", pointer);
 }
 Unexpected canceled() {
-  return proto::fail(proto::kCanceled, "canceled");
+  return proto::fail(proto::kCanceledCode, "canceled");
 }
 
 // Formats [glTF 2.0, 3.7.2.1; KHR_mesh_quantization] ----------------------------------------------

@@ -65,7 +65,7 @@ Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const
 Expected<void> load_buffers(Document& document, const json& buffers, const Container& container,
                             const std::stop_token& stop) {
   for (std::size_t i = 0; i < buffers.size(); ++i) {
-    if (stop.stop_requested()) return proto::fail(proto::kCanceled, "canceled");
+    if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
     const auto bytes = buffer_bytes(document, buffers[i], i, container);
     if (!bytes) return Unexpected(bytes.error());
     const auto length = buffers[i].at("byteLength").get<std::uint64_t>();
@@ -159,7 +159,7 @@ Expected<void> read_document(Document& document, const Container& container,
   document.has_animations = !take(*parsed, "animations").empty();
   take(*parsed, "skins");
   take(*parsed, "cameras");
-  if (stop.stop_requested()) return proto::fail(proto::kCanceled, "canceled");
+  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
   if (auto model = read_model(document, *parsed); !model) return model;
   return check_buffer_views(*document.model, buffers);

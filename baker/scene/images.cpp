@@ -98,7 +98,7 @@ class Decoder {
     const int band = std::max(1, static_cast<int>((1u << 20) / width));
     std::vector<std::uint8_t> rows;
     for (int y = 0; y < spec.height; y += band) {
-      if (stop_.stop_requested()) return proto::fail(proto::kCanceled, "canceled");
+      if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
       const int end = std::min(y + band, spec.height);
       const std::size_t pixels = width * static_cast<std::size_t>(end - y);
       rows.resize(pixels * static_cast<std::size_t>(spec.nchannels));
