@@ -11,6 +11,10 @@
 #include <numeric>
 #include <set>
 
+#include "baker/atlas/atlas.h"
+#include "baker/scene/import.h"
+#include "support/temp_files.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -177,6 +181,26 @@ TEST_P(EveryGenerator, NamesEverythingAndListsItsExtensions) {
   if (document.contains("extensionsUsed"))
     for (const json& name : document["extensionsUsed"]) listed.insert(name);
   EXPECT_EQ(used, listed);
+}
+
+TEST_P(EveryGenerator, IsImportedAndItsLayoutUsedAsItIs) {
+  const tests::TempFolder folder;
+  const auto file = folder.write("scene.glb", *generate_glb(GetParam()));
+  proto::BakeSettings settings;
+  settings.allow_dark = true;
+  settings.atlas.page_size = 256;
+  const auto scene = import_scene({file, {}}, settings);
+  ASSERT_TRUE(scene.has_value()) << scene.error().message;
+  EXPECT_TRUE(scene->warnings.empty());
+  EXPECT_EQ(scene->triangles.size(), triangles_of(generate(GetParam())).size());
+  const auto atlas = build_atlas(*scene, settings.atlas);
+  ASSERT_TRUE(atlas.has_value()) << atlas.error().message;
+  EXPECT_EQ(atlas->page_count, 1u);
+  for (const InstancePlacement& placement : atlas->placements) {
+    EXPECT_TRUE(placement.uses_source_uv) << placement.reason;
+    EXPECT_EQ(placement.scale, (Vec2{1, 1}));
+    EXPECT_EQ(placement.offset, (Vec2{0, 0}));
+  }
 }
 
 std::vector<std::string> generator_names() {
