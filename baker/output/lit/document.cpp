@@ -1,0 +1,207 @@
+#include "baker/output/lit/document.h"
+
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "baker/scene/container.h"
+#include "baker/scene/uri.h"
+
+namespace kiln::baker {
+namespace {
+
+using proto::Expected;
+using proto::Unexpected;
+
+constexpr std::uint64_t kAnySize = std::numeric_limits<std::uint64_t>::max();
+constexpr std::uint64_t kMaxGlb = std::numeric_limits<std::uint32_t>::max();
+
+/// Media type by the first bytes; "" when unknown.
+std::string sniff_image(std::string_view bytes) {
+  if (bytes.starts_with("\x89PNG")) return "image/png";
+  if (bytes.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
+  if (bytes.starts_with("RIFF") && bytes.size() > 12 && bytes.substr(8, 4) == "WEBP")
+    return "image/webp";
+  if (bytes.starts_with("\xABKTX 20")) return "image/ktx2";
+  return "";
+}
+
+std::string u32_bytes(std::uint64_t value) {
+  std::string out;
+  for (int i = 0; i < 4; ++i) out += static_cast<char>(value >> (8 * i) & 0xFF);
+  return out;
+}
+
+}  // namespace
+
+LitDocument::LitDocument(const SceneFiles& files) : files_(files) {}
+LitDocument::~LitDocument() = default;
+
+Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files) {
+  std::unique_ptr<LitDocument> doc(new LitDocument(files));
+  auto bytes = read_file(files.main, kAnySize);
+  if (!bytes) return Unexpected(bytes.error());
+  doc->main_bytes_ = std::move(*bytes);
+  const auto container = open_container(doc->main_bytes_);
+  if (!container) return Unexpected(container.error());
+  doc->json_ = std::make_unique<Json>(Json::parse(container->json, nullptr, false));
+  if (!doc->json_->is_object())
+    return proto::fail("invalid_scene", "not a JSON object", "scene", "");
+  // An object's members move when it gains one: no loop over another member may add this one.
+  if (!doc->json().contains("bufferViews")) doc->json()["bufferViews"] = Json::array();
+  if (auto ok = doc->load_buffers(container->binary); !ok) return Unexpected(ok.error());
+  if (auto ok = doc->load_views(); !ok) return Unexpected(ok.error());
+  doc->merge_buffers();
+  doc->embed_images();
+  return doc;
+}
+
+Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary) {
+  const Json& buffers = json().value("buffers", Json::array());
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    const std::string at = "/buffers/" + std::to_string(i);
+    const auto length = count_at(buffers[i], "byteLength", 0);
+    std::optional<std::string_view> bytes;
+    if (i == 0) bytes = binary;
+    const std::string uri = buffers[i].value("uri", "");
+    if (is_data_uri(uri)) {
+      auto data = decode_data_uri(uri, at + "/uri");
+      if (!data) return Unexpected(data.error());
+      bytes = loaded_.emplace_back(std::move(data->bytes));
+    } else if (!uri.empty()) {
+      const auto path = find_side_file(files_, uri, at + "/uri");
+      if (!path) return Unexpected(path.error());
+      auto content = read_file(*path, kAnySize);
+      if (!content) return Unexpected(content.error());
+      bytes = loaded_.emplace_back(std::move(*content));
+    }
+    if (!length || (bytes && bytes->size() < *length))
+      return proto::fail("invalid_scene", "byteLength does not fit the data", "scene", at);
+    if (bytes) bytes = bytes->substr(0, *length);
+    buffers_.push_back(bytes);
+  }
+  return {};
+}
+
+Expected<void> LitDocument::load_views() {
+  const Json& views = json().value("bufferViews", Json::array());
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const auto buffer = count_at(views[i], "buffer", kAnySize);
+    const auto offset = count_at(views[i], "byteOffset", 0);
+    const auto length = count_at(views[i], "byteLength", 0);
+    if (!buffer || *buffer >= buffers_.size() || !offset || !length)
+      return proto::fail("invalid_scene", "not a buffer view", "scene",
+                         "/bufferViews/" + std::to_string(i));
+    const auto& data = buffers_[*buffer];
+    if (data && (*offset > data->size() || *length > data->size() - *offset))
+      return proto::fail("invalid_scene", "reaches beyond its buffer", "scene",
+                         "/bufferViews/" + std::to_string(i));
+    views_.push_back(data ? std::optional(data->substr(*offset, *length)) : std::nullopt);
+  }
+  return {};
+}
+
+/// All data goes into buffer 0; a buffer without data (a fallback that nobody reads) stays a
+/// buffer.
+void LitDocument::merge_buffers() {
+  Json merged = Json::array({Json::object()});
+  std::vector<std::pair<std::size_t, std::uint64_t>> place(buffers_.size());  // new buffer, base
+  for (std::size_t i = 0; i < buffers_.size(); ++i) {
+    Json buffer = json()["buffers"][i];
+    if (!buffers_[i]) {
+      place[i] = {merged.size(), 0};
+      merged.push_back(std::move(buffer));
+      continue;
+    }
+    place[i] = {0, binary_.append_view(*buffers_[i])};
+    buffer.erase("uri");
+    if (i == 0) merged[0] = std::move(buffer);
+  }
+  const auto move_view = [&](Json& view) {
+    const auto buffer = count_at(view, "buffer", 0);
+    const auto offset = count_at(view, "byteOffset", 0);
+    if (!buffer || *buffer >= place.size() || !offset) return;
+    const auto [target, base] = place[*buffer];
+    view["buffer"] = target;
+    if (*offset + base != 0 || view.contains("byteOffset")) view["byteOffset"] = *offset + base;
+  };
+  if (json().contains("bufferViews"))
+    for (Json& view : json()["bufferViews"]) {
+      move_view(view);
+      const Json::json_pointer packed("/extensions/EXT_meshopt_compression");
+      if (view.contains(packed) && view[packed].is_object()) move_view(view[packed]);
+    }
+  json()["buffers"] = std::move(merged);
+}
+
+Json& extensions_of(Json& object) {
+  Json& extensions = object["extensions"];
+  if (!extensions.is_object()) extensions = Json::object();
+  return extensions;
+}
+
+std::optional<std::string> LitDocument::image_bytes(const std::string& uri) const {
+  if (is_data_uri(uri)) {
+    auto data = decode_data_uri(uri, "");
+    return data ? std::optional(std::move(data->bytes)) : std::nullopt;
+  }
+  const auto path = find_side_file(files_, uri, "");
+  if (!path) return std::nullopt;
+  auto bytes = read_file(*path, kAnySize);
+  return bytes ? std::optional(std::move(*bytes)) : std::nullopt;
+}
+
+/// An image that was not uploaded, or of a kind that a .glb can't name, keeps its URI.
+void LitDocument::embed_images() {
+  if (!json().contains("images") || !json()["images"].is_array()) return;
+  for (Json& image : json()["images"]) {
+    if (!image.is_object() || !image.contains("uri") || !image["uri"].is_string()) continue;
+    auto bytes = image_bytes(image["uri"].get<std::string>());
+    if (!bytes) continue;
+    const std::string kind = sniff_image(*bytes);
+    if (kind.empty()) continue;
+    image.erase("uri");
+    image["mimeType"] = kind;
+    image["bufferView"] = add_view(std::move(*bytes));
+  }
+}
+
+std::uint32_t LitDocument::add(const char* collection, Json item) {
+  Json& items = json()[collection];
+  if (!items.is_array()) items = Json::array();
+  items.push_back(std::move(item));
+  return static_cast<std::uint32_t>(items.size() - 1);
+}
+
+std::uint32_t LitDocument::add_view(std::string bytes, int target, std::uint32_t stride) {
+  Json view = {{"buffer", 0}, {"byteOffset", 0}, {"byteLength", bytes.size()}};
+  view["byteOffset"] = binary_.append(std::move(bytes));
+  if (stride) view["byteStride"] = stride;
+  if (target) view["target"] = target;
+  return add("bufferViews", std::move(view));
+}
+
+Expected<void> LitDocument::write(const std::filesystem::path& path) {
+  json()["buffers"][0]["byteLength"] = binary_.size();
+  std::string text = json().dump();
+  text.append((4 - text.size() % 4) % 4, ' ');
+  const std::uint64_t total = 12 + 8 + text.size() + 8 + binary_.size();
+  if (total > kMaxGlb)
+    return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
+
+  std::ofstream out(path, std::ios::binary | std::ios::trunc);
+  const auto put = [&](std::string_view bytes) {
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  };
+  put(std::string("glTF") + u32_bytes(2) + u32_bytes(total));
+  put(u32_bytes(text.size()) + "JSON");
+  put(text);
+  put(u32_bytes(binary_.size()) + std::string("BIN\0", 4));
+  for (const std::string_view piece : binary_.pieces()) put(piece);
+  out.close();
+  if (!out) return proto::fail("io_error", "cannot write lit.glb");
+  return {};
+}
+
+}  // namespace kiln::baker
