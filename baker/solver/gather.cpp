@@ -1,5 +1,6 @@
 #include "baker/solver/gather.h"
 
+#include <array>
 #include <bit>
 #include <limits>
 #include <numeric>
@@ -18,6 +19,8 @@ constexpr std::uint32_t kHitNothing = 0xffffffffu;
 constexpr std::uint32_t kHitSky = 0xfffffffeu;
 /// Fewest directions that feed the bounces before a final gather.
 constexpr std::uint32_t kMinFeedbackSamples = 16;
+/// Texels with less of their footprint in view than this borrow their neighbours' radiosity.
+constexpr float kHiddenShare = 0.1f;
 /// Bounces after which most scenes have converged; for the estimate of progress only.
 constexpr double kTypicalBounces = 8;
 /// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
@@ -55,6 +58,35 @@ struct DirectionSet {
     for (std::uint32_t i : cell_order(count)) points.push_back(sobol(i));
   }
   std::uint32_t size() const { return static_cast<std::uint32_t>(points.size()); }
+};
+
+/// What the rays from each point of a footprint met.
+struct PointCensus {
+  std::uint32_t rays[Footprint::kPoints] = {}, behind[Footprint::kPoints] = {};
+
+  /// Points from which every ray met a back face are hidden. A handful of rays must say so: with
+  /// fewer, only a footprint that is hidden altogether can be told.
+  float visible_share() const {
+    constexpr std::uint32_t kFewRays = 4;
+    std::uint32_t all = 0, all_behind = 0, hidden = 0, points = 0, fewest = kNoHit;
+    for (std::uint32_t i = 0; i < Footprint::kPoints; ++i) {
+      if (rays[i] == 0) continue;
+      ++points;
+      all += rays[i], all_behind += behind[i];
+      hidden += behind[i] == rays[i];
+      fewest = std::min(fewest, rays[i]);
+    }
+    if (all > 0 && all_behind == all) return 0;
+    return points > 0 && fewest >= kFewRays ? 1 - float(hidden) / float(points) : 1;
+  }
+};
+
+/// A texel that lies hidden, whose radiosity for look-ups comes from the texels around it: a ray that
+/// meets the surface beside it must not read the dark beneath a block that stands there.
+struct Repair {
+  std::uint32_t texel = 0;
+  std::uint32_t count = 0;
+  std::array<std::uint32_t, 8> neighbour{};
 };
 
 class GatherSolver final : public Solver {
@@ -111,14 +143,7 @@ class GatherSolver final : public Solver {
     return pass;
   }
 
-  void begin(const Pass& pass, const Lightmap& before) override {
-    if (pass.name == "direct" || pass.name == "trace") return;
-    radiosity_.resize(in_.texels.size());
-    for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
-      const Rgb b = in_.texels.albedo[t] * before.irradiance(t);
-      radiosity_[t] = {b.r, b.g, b.b, 0};
-    }
-  }
+  void begin(const Pass& pass, const Lightmap& before) override;
 
   std::uint64_t run(const Pass& pass, const Lightmap&, TexelRange range, Lightmap& after) override {
     if (pass.name == "direct") return direct_.run(range, after.direct);
@@ -144,6 +169,8 @@ class GatherSolver final : public Solver {
   /// A look-up costs about a fortieth of a ray.
   double look_up_work() const { return double(feedback_.size()) / 40; }
 
+  void find_repairs(const Lightmap&);
+
   static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
     const std::uint32_t wanted = in.settings.samples;
     const std::uint64_t affordable =
@@ -164,7 +191,7 @@ class GatherSolver final : public Solver {
   }
 
   /// Follows the directions of one texel. `hits` receives one entry per direction.
-  /// @return share of rays that met a back face of a one-sided surface
+  /// @return share of the footprint's points that are not hidden
   float follow(std::uint32_t texel, const DirectionSet& set, std::span<std::uint32_t> hits) const;
 
   Rgb look_up(std::span<const std::uint32_t> hits) const {
@@ -189,7 +216,7 @@ class GatherSolver final : public Solver {
     const std::uint32_t n = feedback_.size();
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
       const std::span<std::uint32_t> hits{hits_.data() + std::size_t(t) * n, n};
-      after.validity[t] = 1 - follow(t, feedback_, hits);
+      after.validity[t] = follow(t, feedback_, hits);
       after.sky[t] = sky_light(hits);
     }
     return std::uint64_t(n) * range.size();
@@ -198,7 +225,7 @@ class GatherSolver final : public Solver {
   std::uint64_t gather(TexelRange range, Lightmap& after) const {
     std::vector<std::uint32_t> hits(full_.size());
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
-      after.validity[t] = 1 - follow(t, full_, hits);
+      after.validity[t] = follow(t, full_, hits);
       after.sky[t] = sky_light(hits);
       after.indirect[t] = in_.settings.bounces > 0 ? look_up(hits) : Rgb{};
     }
@@ -210,8 +237,49 @@ class GatherSolver final : public Solver {
   DirectionSet feedback_, full_;
   bool final_gather_, needs_rays_;
   std::vector<std::uint32_t> hits_;   ///< feedback_.size() per texel
+  std::vector<Repair> repairs_;
   std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
 };
+
+void GatherSolver::find_repairs(const Lightmap& light) {
+  repairs_.clear();
+  for (std::uint32_t t = 0; t < in_.texels.front_count; ++t) {
+    if (light.validity[t] >= kHiddenShare) continue;
+    Repair repair;
+    repair.texel = t;
+    const TextureGroup::Page& page = in_.texels.pages[in_.texels.page[t]];
+    for (int k = 0; k < 9; ++k) {
+      const int x = in_.texels.x[t] + k % 3 - 1, y = in_.texels.y[t] + k / 3 - 1;
+      if (x < 0 || y < 0 || x >= int(page.width) || y >= int(page.height)) continue;
+      const std::int32_t n = page.texel_at[std::size_t(y) * page.width + x];
+      if (n == kNoTexel || in_.texels.chart[n] != in_.texels.chart[t]) continue;
+      if (light.validity[n] >= kHiddenShare) repair.neighbour[repair.count++] = std::uint32_t(n);
+    }
+    if (repair.count > 0) repairs_.push_back(repair);
+  }
+}
+
+void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
+  if (pass.name == "direct" || pass.name == "trace") return;
+  if (pass.index == 2) find_repairs(before);
+  radiosity_.resize(in_.texels.size());
+  for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
+    // E is the mean over the footprint; rays from outside meet its visible part only.
+    const float visible = before.validity[t];
+    const Rgb b = in_.texels.albedo[t] * before.irradiance(t) *
+                  (visible >= kHiddenShare ? 1 / visible : 1.f);
+    radiosity_[t] = {b.r, b.g, b.b, 0};
+  }
+  for (const Repair& repair : repairs_) {
+    Radiosity sum;
+    for (std::uint32_t i = 0; i < repair.count; ++i) {
+      const Radiosity& b = radiosity_[repair.neighbour[i]];
+      sum.r += b.r, sum.g += b.g, sum.b += b.b;
+    }
+    const float scale = 1 / float(repair.count);
+    radiosity_[repair.texel] = {sum.r * scale, sum.g * scale, sum.b * scale, 0};
+  }
+}
 
 float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
                            std::span<std::uint32_t> hits) const {
@@ -219,8 +287,8 @@ float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
   const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather);
   RayPacket rays;
   HitPacket met;
-  std::uint32_t lane_sample[16];
-  std::uint32_t behind = 0;
+  std::uint32_t lane_sample[16], lane_point[16];
+  PointCensus census;
   for (std::uint32_t first = 0; first < set.size(); first += 16) {
     const std::uint32_t end = std::min(first + 16, set.size());
     const std::uint32_t point_flip = hash(seed, first);
@@ -232,27 +300,31 @@ float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
       hits[s] = kHitNothing;
       if (dot(d, at.geometric_normal[i]) <= 0) continue;
       lane_sample[rays.count] = s;
+      lane_point[rays.count] = i;
       rays.set(rays.count++, at.origin[i], d, std::numeric_limits<float>::infinity());
     }
     if (rays.count == 0) continue;
     in_.rays.closest(rays, met, set.coherent);
     for (std::uint32_t lane = 0; lane < rays.count; ++lane) {
+      ++census.rays[lane_point[lane]];
       std::uint32_t& hit = hits[lane_sample[lane]];
       if (met.triangle[lane] == kNoHit) {
         hit = kHitSky;
         continue;
       }
       if (met.back[lane] && !in_.scene.material_of(met.triangle[lane]).double_sided) {
-        ++behind;
+        ++census.behind[lane_point[lane]];
         continue;
       }
-      const float u = to_unit(hash(seed, lane_sample[lane], 0x7a9u));
+      // Stratified over the packet, whose rays meet neighbouring texels when it is coherent.
+      const float u = (float((lane ^ point_flip >> 4) % 16) +
+                       to_unit(hash(seed, lane_sample[lane], 0x7a9u))) * (1.f / 16);
       const std::int32_t t =
           in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]}, met.back[lane], u);
       if (t != kNoTexel) hit = static_cast<std::uint32_t>(t);
     }
   }
-  return float(behind) / float(set.size());
+  return census.visible_share();
 }
 
 double GatherSolver::extrapolate(std::span<const proto::PassReport> done,

@@ -13,7 +13,10 @@ struct Lightmap {
   std::vector<Rgb> direct;      ///< straight from emitters and punctual lights
   std::vector<Rgb> sky;         ///< straight from the sky
   std::vector<Rgb> indirect;    ///< after one diffuse reflection or more
-  std::vector<float> validity;  ///< share of the texel's rays that met no back face, 0..1
+  /// Share of the footprint that is not inside or behind other geometry, 0..1: all rays from a hidden
+  /// point meet back faces. The path method, which sends few rays from a point at a time, gives the
+  /// share of the texel's rays that met no back face.
+  std::vector<float> validity;
 
   Lightmap() = default;
   explicit Lightmap(std::uint32_t texels)

@@ -1,0 +1,195 @@
+// The methods against each other, and against the laws of their own error.
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "baker/solver/gather.h"
+#include "tests/solver/quad_scene.h"
+
+namespace kiln::baker::test {
+namespace {
+
+/// A Cornell box of 2 m with two blocks.
+std::unique_ptr<QuadScene> cornell(std::uint32_t page_size) {
+  auto box = std::make_unique<QuadScene>(page_size);
+  const Rgb white{0.73f, 0.73f, 0.73f}, red{0.63f, 0.06f, 0.05f}, green{0.14f, 0.45f, 0.09f};
+  const Vec3 x{2, 0, 0}, y{0, 2, 0}, z{0, 0, 2};
+  box->add({{-1, 0, -1}, y, z, red});
+  box->add({{1, 0, -1}, z, y, green});
+  box->add({{-1, 0, -1}, z, x, white});
+  box->add({{-1, 2, -1}, x, z, white});
+  box->add({{-1, 0, -1}, x, y, white});
+  box->add({{-1, 0, 1}, y, x, white});
+  box->add_block({-0.6f, 0, -0.5f}, {-0.05f, 1.2f, 0.05f}, white);
+  box->add_block({0.1f, 0, 0}, {0.65f, 0.6f, 0.55f}, white);
+  box->add({{-0.25f, 1.99f, -0.25f}, {0.5f, 0, 0}, {0, 0, 0.5f}, {}, {12, 10, 7}});
+  box->build();
+  return box;
+}
+
+/// nRMSE of `light` against the truth that two independent, unbiased references straddle: their own
+/// noise cancels in mean((x - r1)(x - r2)).
+double noise_free_nrmse(const TextureGroup& texels, const Lightmap& light, const Lightmap& r1,
+                        const Lightmap& r2) {
+  double square = 0, mean = 0;
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    const Rgb x = light.irradiance(t), a = r1.irradiance(t), b = r2.irradiance(t);
+    const Rgb d = (x - a) * (x - b);
+    square += (double(d.r) + d.g + d.b) / 3;
+    mean += (double(a.r) + a.g + a.b + b.r + b.g + b.b) / 6;
+  }
+  const double n = texels.size();
+  return std::sqrt(std::max(0.0, square / n)) / (mean / n);
+}
+
+Solution path_reference(const QuadScene& scene, std::uint32_t samples, std::uint64_t seed) {
+  proto::SolverSettings s;
+  s.method = proto::Method::kPath;
+  s.samples = samples;
+  s.bounces = 16;
+  s.seed = seed;
+  return scene.solve(s);
+}
+
+TEST(Agreement, GatherMeetsPathOnTheCornellBox) {
+  const auto box = cornell(128);
+  const Solution r1 = path_reference(*box, 256, 11), r2 = path_reference(*box, 256, 12);
+  proto::SolverSettings s;
+  const Solution gather = box->solve(s);
+  const double error = noise_free_nrmse(box->texels(), *gather.light, *r1.light, *r2.light);
+  RecordProperty("nrmse_percent", std::to_string(100 * error));
+  EXPECT_LE(error, 0.01);
+  // The references must be good enough for the figure to mean something: noise of the product
+  // estimate, about noise²/√(3n), stays far below 1 %².
+  const double noise = noise_free_nrmse(box->texels(), *r1.light, *r2.light, *r2.light);
+  EXPECT_LT(noise * noise / std::sqrt(3.0 * box->texels().size()), 0.002 * 0.002);
+}
+
+TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
+  QuadScene yard(64);
+  yard.add({{-2, 0, -2}, {0, 0, 4}, {4, 0, 0}, {0.5f, 0.4f, 0.3f}});
+  yard.add_block({-0.5f, 0, -0.5f}, {0.5f, 1, 0.5f}, {0.7f, 0.2f, 0.2f});
+  yard.build();
+  yard.scene().sky = {0.3f, 0.5f, 1};
+  PunctualLight sun;
+  sun.type = PunctualType::kDirectional;
+  sun.intensity = {4, 4, 3};
+  sun.direction = normalize(Vec3{1, -1.5f, 0.4f});
+  yard.scene().lights = {sun};
+  const Solution r1 = path_reference(yard, 256, 3), r2 = path_reference(yard, 256, 4);
+  const Solution gather = yard.solve({});
+  EXPECT_LE(noise_free_nrmse(yard.texels(), *gather.light, *r1.light, *r2.light), 0.01);
+}
+
+/// Standard deviation of the indirect light between two seeds, relative to its mean.
+double scatter(const QuadScene& scene, proto::SolverSettings s) {
+  s.seed = 21;
+  const Solution a = scene.solve(s);
+  s.seed = 22;
+  const Solution b = scene.solve(s);
+  double square = 0, mean = 0;
+  for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
+    const double d = double(a.light->indirect[t].g) - b.light->indirect[t].g;
+    square += d * d / 2;
+    mean += a.light->indirect[t].g;
+  }
+  const double n = scene.texels().size();
+  return std::sqrt(square / n) / (mean / n);
+}
+
+// Random sampling falls with N^-1/2. Stratified by nets, a gather falls faster: towards N^-1 where
+// the radiosity seen is smooth, N^-3/4 across its edges. Quadrupling N must at least bring 4^0.6.
+TEST(Convergence, GatherErrorFallsFasterThanRandom) {
+  const auto box = cornell(64);
+  proto::SolverSettings s;
+  double last = 0;
+  for (const std::uint32_t samples : {16u, 64u, 256u}) {
+    s.samples = samples;
+    const double error = scatter(*box, s);
+    if (last > 0) {
+      EXPECT_LT(error, last * std::pow(4, -0.6)) << samples << " samples";
+    }
+    last = error;
+  }
+}
+
+// Paths have too many dimensions for nets to help much: N^-1/2, give or take the scatter of the
+// figure itself (a few percent with thousands of texels).
+TEST(Convergence, PathErrorFallsWithTheSquareRoot) {
+  const auto box = cornell(64);
+  proto::SolverSettings s;
+  s.method = proto::Method::kPath;
+  s.bounces = 4;
+  s.samples = 16;
+  const double few = scatter(*box, s);
+  s.samples = 256;
+  const double many = scatter(*box, s);
+  EXPECT_LT(many, few / 4 * 1.15);
+}
+
+bool same_bits(const std::vector<Rgb>& a, const std::vector<Rgb>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Rgb)) == 0;
+}
+
+TEST(Determinism, ThreadCountChangesNoBit) {
+  const auto box = cornell(64);
+  for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
+    proto::SolverSettings s;
+    s.method = method;
+    s.samples = 32;
+    const Solution one = box->solve(s, 1);
+    for (const unsigned threads : {2u, 3u, 8u}) {
+      const Solution many = box->solve(s, threads);
+      EXPECT_TRUE(same_bits(one.light->direct, many.light->direct)) << threads;
+      EXPECT_TRUE(same_bits(one.light->indirect, many.light->indirect)) << threads;
+    }
+    s.seed = 2;
+    EXPECT_FALSE(same_bits(one.light->indirect, box->solve(s, 1).light->indirect));
+  }
+}
+
+// Fewer remembered hits than samples: small pre-passes and a final gather, to the same light.
+TEST(HitBudget, FinalGatherAgreesWithTheFullCache) {
+  const auto box = cornell(64);
+  const auto rays = RayScene::build(box->scene());
+  const LightSet lights(box->scene());
+  const TexelLookup lookup(box->scene(), box->atlas(), box->texels());
+  proto::SolverSettings s;
+  ThreadPool pool(2);
+  const SolverInput in{box->scene(), box->atlas(), box->texels(), *rays, lights, lookup, s};
+  const auto tight = make_gather_solver(in, 0);
+  const auto solution = solve(*tight, box->texels(), pool, {});
+  ASSERT_TRUE(solution);
+  EXPECT_EQ(solution->passes.back().name, "final gather");
+  const Solution full = box->solve(s);
+  double square = 0, mean = 0;
+  for (std::uint32_t t = 0; t < box->texels().size(); ++t) {
+    const double a = solution->light->irradiance(t).g, b = full.light->irradiance(t).g;
+    square += (a - b) * (a - b);
+    mean += b;
+  }
+  const double n = box->texels().size();
+  EXPECT_LT(std::sqrt(square / n) / (mean / n), 0.02);
+}
+
+TEST(Bounces, MoreBouncesAddLightUpToTheLimitOfTheSeries) {
+  const auto box = cornell(32);
+  proto::SolverSettings s;
+  s.samples = 64;
+  double last = 0;
+  for (const std::uint32_t bounces : {0u, 1u, 2u, 4u, 16u, 64u}) {
+    s.bounces = bounces;
+    const Solution solution = box->solve(s);
+    double mean = 0;
+    for (std::uint32_t t = 0; t < box->texels().size(); ++t)
+      mean += solution.light->irradiance(t).g;
+    EXPECT_GE(mean, last * (bounces > 16 ? 0.999 : 1.0)) << bounces;
+    if (bounces == 0) {
+      for (const Rgb& e : solution.light->indirect) EXPECT_TRUE(is_black(e));
+    }
+    last = mean;
+  }
+}
+
+}  // namespace
+}  // namespace kiln::baker::test

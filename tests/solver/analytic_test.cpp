@@ -1,0 +1,269 @@
+// Closed forms against both methods. Where sampling is involved, tolerances follow from the scatter
+// between bakes with different seeds: with 8 seeds a deviation of kSigmas standard errors has a
+// probability below 1e-4 (Student's t, 7 degrees of freedom), and the seeds are fixed.
+#include <gtest/gtest.h>
+
+#include "baker/solver/sampling.h"
+#include "tests/solver/quad_scene.h"
+
+namespace kiln::baker::test {
+namespace {
+
+constexpr int kSeeds = 8;
+constexpr double kSigmas = 8;
+/// Rounding of float sums, and the offset of ray origins: what no number of samples removes.
+constexpr double kRounding = 2e-4;
+
+proto::SolverSettings settings_for(proto::Method method) {
+  proto::SolverSettings s;
+  s.method = method;
+  s.samples = 64;
+  s.direct_samples = 64;
+  s.bounces = 0;
+  return s;
+}
+
+std::vector<std::uint32_t> all_texels(const QuadScene& scene) {
+  std::vector<std::uint32_t> t(scene.texels().size());
+  for (std::uint32_t i = 0; i < t.size(); ++i) t[i] = i;
+  return t;
+}
+
+class EveryMethod : public testing::TestWithParam<proto::Method> {};
+std::string method_name(const testing::TestParamInfo<proto::Method>& method) {
+  return method.param == proto::Method::kGather ? "Gather" : "Path";
+}
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
+                         testing::Values(proto::Method::kGather, proto::Method::kPath),
+                         method_name);
+
+// Furnace: in a closed room whose faces all emit M = πL and reflect ρ, B = M/(1-ρ) everywhere, and
+// so is E, for all of it arrives again [Moreno-Fortuny eq. 2.15 with rows of F that sum to 1].
+// With b bounces the series is cut: E = M (1 - ρ^(b+1))/(1-ρ).
+class Furnace : public testing::TestWithParam<std::tuple<proto::Method, float>> {};
+INSTANTIATE_TEST_SUITE_P(Methods, Furnace,
+                         testing::Combine(testing::Values(proto::Method::kGather,
+                                                          proto::Method::kPath),
+                                          testing::Values(0.5f, 0.9f)));
+
+TEST_P(Furnace, RadiosityIsEmittanceOverAbsorptance) {
+  const auto [method, albedo] = GetParam();
+  QuadScene room(32);
+  room.add_room({-1, 0, -1}, {1, 2, 1}, {albedo, albedo, albedo}, {0.5f, 0.5f, 0.5f});
+  room.build();
+  proto::SolverSettings s = settings_for(method);
+  s.bounces = method == proto::Method::kGather ? 64 : 12;
+  const double emittance = kPi * 0.5;
+  const double expected = method == proto::Method::kGather
+                              ? emittance / (1 - albedo)
+                              : emittance * (1 - std::pow(albedo, 13)) / (1 - albedo);
+  const SeedStudy study(room, s, kSeeds, all_texels(room));
+  // The tolerance of the solver bounds what its tail may have missed.
+  const double cut = method == proto::Method::kGather ? s.tolerance * expected : 0;
+  EXPECT_NEAR(study.area_mean, expected,
+              kSigmas * study.area_standard_error + kRounding * expected + cut);
+  for (std::size_t i = 0; i < study.mean.size(); ++i)
+    EXPECT_NEAR(study.mean[i], expected, kSigmas * study.standard_error[i] + 1e-3 * expected + cut)
+        << "texel " << i;
+}
+
+double face_mean(const QuadScene& scene, std::uint32_t quad, proto::Method method,
+                 double* standard_error) {
+  const SeedStudy study(scene, settings_for(method), kSeeds, scene.texels_of(quad));
+  *standard_error = study.area_standard_error;
+  return study.area_mean;
+}
+
+// Two parallel unit squares at distance 1: F = 0.199824896 [Howell, configuration C-11].
+TEST_P(EveryMethod, ParallelSquares) {
+  QuadScene plates(32);
+  const auto floor = plates.add({{0, 0, 0}, {0, 0, 1}, {1, 0, 0}});
+  plates.add({{0, 1, 0}, {1, 0, 0}, {0, 0, 1}, {}, {1, 1, 1}});
+  plates.build();
+  double error = 0;
+  const double e = face_mean(plates, floor, GetParam(), &error);
+  EXPECT_NEAR(e / kPi, 0.199824896, kSigmas * error / kPi + kRounding * 0.2);
+}
+
+// Two unit squares at a right angle with a common edge: F = 0.200043776 [Howell, C-14].
+TEST_P(EveryMethod, PerpendicularSquares) {
+  QuadScene plates(32);
+  const auto floor = plates.add({{0, 0, 0}, {0, 0, 1}, {1, 0, 0}});
+  plates.add({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {}, {1, 1, 1}});
+  plates.build();
+  double error = 0;
+  const double e = face_mean(plates, floor, GetParam(), &error);
+  EXPECT_NEAR(e / kPi, 0.200043776, kSigmas * error / kPi + kRounding * 0.2);
+}
+
+// A rectangle light, texel by texel, against Lambert's polygon formula at the texel's own points.
+TEST_P(EveryMethod, RectangleLightIsLambertsFormula) {
+  QuadScene scene(32);
+  const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
+  scene.build();
+  // Beside and close to the floor, tilted: near field, horizon, and a side that is turned away.
+  const RectLight light{{0.2f, 0.1f, -0.3f}, {0.6f, 0.3f, 0}, {0, 0, 0.7f}, {2, 2, 2}};
+  scene.scene().rect_lights.push_back(light);
+  const auto texels = scene.texels_of(floor);
+  const SeedStudy study(scene, settings_for(GetParam()), kSeeds, texels);
+  const Vec3 normal = normalize(cross(light.edge_u, light.edge_v));
+  double sum = 0, expected_sum = 0;
+  for (std::size_t i = 0; i < texels.size(); ++i) {
+    double expected = 0;
+    for (const SamplePoint& p : scene.texels().points_of(texels[i])) {
+      const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+      if (dot(normal, at - light.corner) <= 0) continue;
+      const Vec3 far = light.corner + light.edge_u + light.edge_v;
+      expected +=
+          2 *
+          (triangle_irradiance(at, {0, 1, 0}, light.corner, light.corner + light.edge_u, far) +
+           triangle_irradiance(at, {0, 1, 0}, light.corner, far, light.corner + light.edge_v)) /
+          TextureGroup::kPointsPerTexel;
+    }
+    EXPECT_NEAR(study.mean[i], expected, kSigmas * study.standard_error[i] + kRounding * expected)
+        << "texel " << i;
+    sum += study.mean[i];
+    expected_sum += expected;
+  }
+  ASSERT_GT(expected_sum, 0);
+  EXPECT_NEAR(sum / expected_sum, 1, 5e-3);
+}
+
+// Nothing is random in the unoccluded light of a punctual light at a given point.
+TEST_P(EveryMethod, PunctualLightsAreInverseSquareCosineAndCone) {
+  QuadScene scene(16);
+  const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
+  scene.build();
+  PunctualLight point;
+  point.intensity = {10, 10, 10};
+  point.position = {0.3f, 0.8f, 0};
+  point.range = 3;
+  PunctualLight spot = point;
+  spot.type = PunctualType::kSpot;
+  spot.range = 0;
+  spot.direction = {0, -1, 0};
+  spot.cos_inner = std::cos(0.2f);
+  spot.cos_outer = std::cos(0.7f);
+  PunctualLight sun;
+  sun.type = PunctualType::kDirectional;
+  sun.intensity = {5, 5, 5};
+  sun.direction = normalize(Vec3{1, -2, 0.5f});
+  for (const PunctualLight& light : {point, spot, sun}) {
+    scene.scene().lights = {light};
+    const Solution solution = scene.solve(settings_for(GetParam()));
+    for (const std::uint32_t t : scene.texels_of(floor)) {
+      double expected = 0;
+      for (const SamplePoint& p : scene.texels().points_of(t)) {
+        const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+        const Vec3 d = light.position - at;
+        const double r2 = dot(d, d), cosine = d.y / std::sqrt(r2);
+        double e = 0;
+        if (light.type == PunctualType::kDirectional) {
+          e = 5 * -light.direction.y;
+        } else if (light.type == PunctualType::kPoint) {
+          e = 10 * cosine / r2 * (1 - r2 * r2 / 81);  // range window, range 3 m
+        } else {
+          const double t_cone =
+              std::clamp((cosine - light.cos_outer) / (light.cos_inner - light.cos_outer), 0., 1.);
+          e = 10 * cosine / r2 * t_cone * t_cone;
+        }
+        expected += e / TextureGroup::kPointsPerTexel;
+      }
+      EXPECT_NEAR(solution.light->irradiance(t).g, expected, 1e-4 * expected + 1e-6);
+    }
+  }
+}
+
+// An open surface sees the whole hemisphere of a uniform sky: E = πL, however it is tilted.
+TEST_P(EveryMethod, OpenPlaneUnderSky) {
+  for (const Vec3 edge : {Vec3{1, 0, 0}, Vec3{0.6f, 0.8f, 0}}) {
+    QuadScene scene(16);
+    const auto quad = scene.add({{0, 0, 0}, {0, 0, 1}, edge});
+    scene.build();
+    scene.scene().sky = {2, 2, 2};
+    const Solution solution = scene.solve(settings_for(GetParam()));
+    for (const std::uint32_t t : scene.texels_of(quad))
+      EXPECT_NEAR(solution.light->irradiance(t).g, 2 * kPi, 1e-4);
+  }
+}
+
+// Over black ground without end, a surface tilted by β sees the share (1 + cos β)/2 of the sky.
+// The ground here ends at 500 m: the rim hides less than (1/500) of the horizon's cosine.
+TEST_P(EveryMethod, TiltedPlaneOverBlackGround) {
+  QuadScene scene(32);
+  scene.add({{-500, 0, -500}, {0, 0, 1000}, {1000, 0, 0}});
+  const auto panel = scene.add({{0, 1, 0}, {0, 0, 0.1f}, {0.06f, 0.08f, 0}});
+  scene.build();
+  scene.scene().sky = {1, 1, 1};
+  const SeedStudy study(scene, settings_for(GetParam()), kSeeds, scene.texels_of(panel));
+  const double expected = kPi * (1 + 0.6) / 2;
+  EXPECT_NEAR(study.area_mean, expected, kSigmas * study.area_standard_error + 2e-3 * expected);
+}
+
+// No light finds its way into a closed room, along no edge and at no corner.
+TEST_P(EveryMethod, SealedRoomIsExactlyDark) {
+  QuadScene room(64);
+  room.add_room({-1, 0, -1}, {1, 2, 1}, {0.8f, 0.8f, 0.8f});
+  room.build();
+  room.scene().sky = {1000, 1000, 1000};
+  PunctualLight lamp;
+  lamp.position = {0, 2.5f, 0};
+  lamp.intensity = {1e6f, 1e6f, 1e6f};
+  room.scene().lights = {lamp};
+  proto::SolverSettings s = settings_for(GetParam());
+  s.samples = 256;
+  s.bounces = 4;
+  const Solution solution = room.solve(s);
+  for (std::uint32_t t = 0; t < room.texels().size(); ++t)
+    ASSERT_TRUE(is_black(solution.light->irradiance(t))) << "texel " << t;
+}
+
+// Light that a lamp gives is absorbed in the end: Σ A (1-ρ) E = Φ in each channel of a closed box.
+TEST(GatherEnergy, ClosedColouredBoxAbsorbsWhatItsLampEmits) {
+  QuadScene room(128);
+  room.add_room({-1, 0, -1}, {1, 2, 1}, {0.7f, 0.4f, 0.2f});
+  room.add_block({-0.5f, 0.2f, -0.3f}, {0.1f, 0.9f, 0.2f}, {0.2f, 0.6f, 0.5f}, true);
+  const auto lamp = room.add({{-0.3f, 1.9f, -0.3f}, {0.6f, 0, 0}, {0, 0, 0.6f}, {}, {4, 3, 2}});
+  // The lamp's back is closed by a black plate, so that no light is lost behind it.
+  room.add({{-0.3f, 1.91f, -0.3f}, {0, 0, 0.6f}, {0.6f, 0, 0}});
+  room.build();
+  proto::SolverSettings s = settings_for(proto::Method::kGather);
+  s.samples = 256;
+  s.bounces = 64;
+  const Solution solution = room.solve(s);
+  double emitted[3] = {}, absorbed[3] = {};
+  const TextureGroup& t = room.texels();
+  for (std::uint32_t i = 0; i < t.size(); ++i) {
+    const Rgb e = solution.light->irradiance(i), a = t.albedo[i], l = t.emission[i];
+    const double area = t.area_m2[i];
+    absorbed[0] += area * (1 - a.r) * e.r, emitted[0] += area * kPi * l.r;
+    absorbed[1] += area * (1 - a.g) * e.g, emitted[1] += area * kPi * l.g;
+    absorbed[2] += area * (1 - a.b) * e.b, emitted[2] += area * kPi * l.b;
+  }
+  EXPECT_NEAR(emitted[0], kPi * 4 * 0.36, 1e-3) << "lamp " << lamp;
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(absorbed[c] / emitted[c], 1, 5e-3) << "channel " << c;
+}
+
+// A double-sided sheet between two lamps: each side holds its own light.
+TEST_P(EveryMethod, DoubleSidedSheetKeepsItsSidesApart) {
+  QuadScene scene(32);
+  Quad sheet{{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}, {0.5f, 0.5f, 0.5f}};
+  sheet.double_sided = true;
+  const auto quad = scene.add(sheet);
+  scene.build();
+  PunctualLight above, below;
+  above.type = below.type = PunctualType::kDirectional;
+  above.direction = {0, -1, 0}, above.intensity = {3, 3, 3};
+  below.direction = {0, 1, 0}, below.intensity = {7, 7, 7};
+  scene.scene().lights = {above, below};
+  const Solution solution = scene.solve(settings_for(GetParam()));
+  for (const std::uint32_t t : scene.texels_of(quad)) {
+    EXPECT_NEAR(solution.light->irradiance(t).g, 3, 1e-5);
+    ASSERT_GE(scene.texels().back[t], 0);
+    const auto back = static_cast<std::uint32_t>(scene.texels().back[t]);
+    EXPECT_NEAR(solution.light->irradiance(back).g, 7, 1e-5);
+  }
+}
+
+}  // namespace
+}  // namespace kiln::baker::test

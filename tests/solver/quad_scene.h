@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "baker/atlas/atlas.h"
+#include "baker/atlas/texture_group.h"
+#include "baker/scene/scene.h"
+#include "baker/solver/solve.h"
+#include "proto/bake_settings.h"
+
+namespace kiln::baker::test {
+
+/// A one-sided rectangle that faces cross(edge_u, edge_v).
+struct Quad {
+  Vec3 corner, edge_u, edge_v;
+  Rgb albedo{0, 0, 0};
+  Rgb emission{0, 0, 0};  ///< cd/m2
+  bool double_sided = false;
+};
+
+/// A scene of rectangles, each with a square chart of its own in a grid on one page.
+class QuadScene {
+ public:
+  explicit QuadScene(std::uint32_t page_size) : page_size_(page_size) {}
+
+  std::uint32_t add(const Quad& q) {
+    quads_.push_back(q);
+    return static_cast<std::uint32_t>(quads_.size() - 1);
+  }
+  /// The six inner faces of an axis-parallel box, in the order -x +x -y +y -z +z.
+  void add_room(Vec3 low, Vec3 high, Rgb albedo, Rgb emission = {});
+  /// The same seen from outside; a block that stands on a floor has no bottom.
+  void add_block(Vec3 low, Vec3 high, Rgb albedo, bool with_bottom = false);
+
+  Scene& scene() { return scene_; }  ///< lights and sky may be set after build()
+  void build();
+
+  /// Texels of one rectangle.
+  std::vector<std::uint32_t> texels_of(std::uint32_t quad) const;
+  const TextureGroup& texels() const { return *texels_; }
+  const Atlas& atlas() const { return *atlas_; }
+  const Scene& scene() const { return scene_; }
+
+  Solution solve(const proto::SolverSettings&, unsigned threads = 2) const;
+
+ private:
+  std::uint32_t page_size_;
+  std::vector<Quad> quads_;
+  Scene scene_;
+  std::unique_ptr<Atlas> atlas_;
+  std::unique_ptr<TextureGroup> texels_;
+};
+
+/// Irradiance of several bakes that differ in their seed alone, with what they say of their own
+/// error. All figures are of one channel, green.
+struct SeedStudy {
+  std::vector<double> mean;            ///< per texel, over the seeds
+  std::vector<double> standard_error;  ///< per texel, of that mean
+  double area_mean = 0;                ///< area-weighted over texels and seeds
+  double area_standard_error = 0;      ///< of area_mean, from the scatter between seeds
+
+  SeedStudy(const QuadScene&, proto::SolverSettings, int seeds,
+            const std::vector<std::uint32_t>& texels);
+};
+
+}  // namespace kiln::baker::test
