@@ -2,6 +2,7 @@
 
 #include <array>
 #include <bit>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <vector>
@@ -60,29 +61,27 @@ struct DirectionSet {
   std::uint32_t size() const { return static_cast<std::uint32_t>(points.size()); }
 };
 
-/// What the rays from each point of a footprint met.
+/// Rays that a point needs before it can be called hidden.
+constexpr std::uint32_t kProbeRays = 4;
+
+/// What the rays from each point of a footprint met. Points from which every ray met a back face
+/// are hidden.
 struct PointCensus {
   std::uint32_t rays[Footprint::kPoints] = {}, behind[Footprint::kPoints] = {};
 
-  /// Points from which every ray met a back face are hidden. A handful of rays must say so: with
-  /// fewer, only a footprint that is hidden altogether can be told.
+  bool met_backs() const {
+    return std::any_of(behind, behind + Footprint::kPoints, std::identity());
+  }
   float visible_share() const {
-    constexpr std::uint32_t kFewRays = 4;
-    std::uint32_t all = 0, all_behind = 0, hidden = 0, points = 0, fewest = kNoHit;
-    for (std::uint32_t i = 0; i < Footprint::kPoints; ++i) {
-      if (rays[i] == 0) continue;
-      ++points;
-      all += rays[i], all_behind += behind[i];
-      hidden += behind[i] == rays[i];
-      fewest = std::min(fewest, rays[i]);
-    }
-    if (all > 0 && all_behind == all) return 0;
-    return points > 0 && fewest >= kFewRays ? 1 - float(hidden) / float(points) : 1;
+    std::uint32_t hidden = 0;
+    for (std::uint32_t i = 0; i < Footprint::kPoints; ++i)
+      hidden += rays[i] > 0 && behind[i] == rays[i];
+    return 1 - float(hidden) / Footprint::kPoints;
   }
 };
 
-/// A texel that lies hidden, whose radiosity for look-ups comes from the texels around it: a ray that
-/// meets the surface beside it must not read the dark beneath a block that stands there.
+/// A texel that lies hidden, whose radiosity for look-ups comes from the texels around it: a ray
+/// that meets the surface beside it must not read the dark beneath a block that stands there.
 struct Repair {
   std::uint32_t texel = 0;
   std::uint32_t count = 0;
@@ -96,6 +95,7 @@ class GatherSolver final : public Solver {
         direct_(in_),
         feedback_(feedback_samples(in, hit_budget)),
         full_(in.settings.samples),
+        probe_(kProbeRays * Footprint::kPoints),
         final_gather_(feedback_.size() < full_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
     if (needs_rays_) hits_.resize(std::size_t(in.texels.size()) * feedback_.size());
@@ -191,8 +191,19 @@ class GatherSolver final : public Solver {
   }
 
   /// Follows the directions of one texel. `hits` receives one entry per direction.
-  /// @return share of the footprint's points that are not hidden
-  float follow(std::uint32_t texel, const DirectionSet& set, std::span<std::uint32_t> hits) const;
+  PointCensus follow(std::uint32_t texel, const DirectionSet& set,
+                     std::span<std::uint32_t> hits) const;
+
+  /// Follows the directions, and tells the share of the footprint's points that are not hidden;
+  /// with more rays than asked for where few of them met back faces.
+  float visible_share(std::uint32_t texel, const DirectionSet& set,
+                      std::span<std::uint32_t> hits) const {
+    const PointCensus census = follow(texel, set, hits);
+    if (!census.met_backs()) return 1;
+    if (set.size() >= probe_.size()) return census.visible_share();
+    std::array<std::uint32_t, kProbeRays * Footprint::kPoints> ignored;
+    return follow(texel, probe_, ignored).visible_share();
+  }
 
   Rgb look_up(std::span<const std::uint32_t> hits) const {
     float sum[4] = {0, 0, 0, 0};
@@ -216,7 +227,7 @@ class GatherSolver final : public Solver {
     const std::uint32_t n = feedback_.size();
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
       const std::span<std::uint32_t> hits{hits_.data() + std::size_t(t) * n, n};
-      after.validity[t] = follow(t, feedback_, hits);
+      after.validity[t] = visible_share(t, feedback_, hits);
       after.sky[t] = sky_light(hits);
     }
     return std::uint64_t(n) * range.size();
@@ -225,7 +236,7 @@ class GatherSolver final : public Solver {
   std::uint64_t gather(TexelRange range, Lightmap& after) const {
     std::vector<std::uint32_t> hits(full_.size());
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
-      after.validity[t] = follow(t, full_, hits);
+      follow(t, full_, hits);
       after.sky[t] = sky_light(hits);
       after.indirect[t] = in_.settings.bounces > 0 ? look_up(hits) : Rgb{};
     }
@@ -234,9 +245,9 @@ class GatherSolver final : public Solver {
 
   const SolverInput in_;
   DirectLight direct_;
-  DirectionSet feedback_, full_;
+  DirectionSet feedback_, full_, probe_;
   bool final_gather_, needs_rays_;
-  std::vector<std::uint32_t> hits_;   ///< feedback_.size() per texel
+  std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel
   std::vector<Repair> repairs_;
   std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
 };
@@ -266,8 +277,8 @@ void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
   for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
     // E is the mean over the footprint; rays from outside meet its visible part only.
     const float visible = before.validity[t];
-    const Rgb b = in_.texels.albedo[t] * before.irradiance(t) *
-                  (visible >= kHiddenShare ? 1 / visible : 1.f);
+    const Rgb b =
+        in_.texels.albedo[t] * before.irradiance(t) * (visible >= kHiddenShare ? 1 / visible : 1.f);
     radiosity_[t] = {b.r, b.g, b.b, 0};
   }
   for (const Repair& repair : repairs_) {
@@ -281,8 +292,8 @@ void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
   }
 }
 
-float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
-                           std::span<std::uint32_t> hits) const {
+PointCensus GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
+                                 std::span<std::uint32_t> hits) const {
   const Footprint at(in_, texel);
   const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather);
   RayPacket rays;
@@ -317,14 +328,15 @@ float GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
         continue;
       }
       // Stratified over the packet, whose rays meet neighbouring texels when it is coherent.
-      const float u = (float((lane ^ point_flip >> 4) % 16) +
-                       to_unit(hash(seed, lane_sample[lane], 0x7a9u))) * (1.f / 16);
+      const float u =
+          (float((lane ^ point_flip >> 4) % 16) + to_unit(hash(seed, lane_sample[lane], 0x7a9u))) *
+          (1.f / 16);
       const std::int32_t t =
           in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]}, met.back[lane], u);
       if (t != kNoTexel) hit = static_cast<std::uint32_t>(t);
     }
   }
-  return census.visible_share();
+  return census;
 }
 
 double GatherSolver::extrapolate(std::span<const proto::PassReport> done,
