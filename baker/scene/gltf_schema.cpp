@@ -257,8 +257,14 @@ class Checker {
     return true;
   }
 
+  /// Ends that only stand for what a type can hold are left out of the message.
   bool out_of_range(double low, double high) {
-    return wrong("is out of range: expected " + json(low).dump() + " to " + json(high).dump());
+    const auto number = [](double v) {
+      return v == std::trunc(v) ? json(static_cast<std::int64_t>(v)).dump() : json(v).dump();
+    };
+    if (low <= -kMaxSize && high >= kMaxSize) return wrong("is too large a number");
+    if (high >= kMaxOffset) return wrong("is out of range: expected at least " + number(low));
+    return wrong("is out of range: expected " + number(low) + " to " + number(high));
   }
 
   bool check_integer(json& value, double low, double high) {

@@ -4,6 +4,7 @@
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include "baker/scene/gltf_json.h"
@@ -48,6 +49,46 @@ const char* format_name(std::string_view bytes) {
   return "";
 }
 
+struct ImageSize {
+  std::uint32_t width = 0, height = 0;
+};
+
+std::uint32_t big_endian(std::string_view bytes, std::size_t at, std::size_t count) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < count; ++i)
+    value = value << 8 | static_cast<unsigned char>(bytes[at + i]);
+  return value;
+}
+
+/// Frame size of a JPEG, from its first SOF marker [ITU T.81, B.2.2]. Bytes between segments are
+/// skipped as libjpeg does, so that both find the same marker.
+std::optional<ImageSize> jpeg_size(std::string_view bytes) {
+  for (std::size_t at = 2; at + 9 <= bytes.size();) {
+    const auto byte = static_cast<unsigned char>(bytes[at]);
+    const auto marker = static_cast<unsigned char>(bytes[at + 1]);
+    if (byte != 0xff || marker == 0 || marker == 0xff) {
+      ++at;
+      continue;
+    }
+    at += 2;
+    if (marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // no segment follows
+    const bool is_frame =
+        marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+    if (is_frame) return ImageSize{big_endian(bytes, at + 5, 2), big_endian(bytes, at + 3, 2)};
+    if (marker == 0xd9 || marker == 0xda) return std::nullopt;
+    at += std::max(2u, big_endian(bytes, at, 2));
+  }
+  return std::nullopt;
+}
+
+/// Size that the header declares. Read here, because the library may take memory for the whole
+/// image when it opens it.
+std::optional<ImageSize> declared_size(std::string_view bytes) {
+  if (format_name(bytes) != std::string_view("png")) return jpeg_size(bytes);
+  if (bytes.size() < 24 || bytes.substr(12, 4) != "IHDR") return std::nullopt;
+  return ImageSize{big_endian(bytes, 16, 4), big_endian(bytes, 20, 4)};
+}
+
 std::set<std::int32_t> used_images(const std::vector<Material>& materials) {
   std::set<std::int32_t> used;
   for (const Material& m : materials) {
@@ -77,41 +118,25 @@ class Decoder {
 
   /// Appends one image to the scene.
   Expected<void> decode(std::string_view bytes, std::int32_t image) {
+    const auto declared = declared_size(bytes);
+    if (!declared) return broken("the image's header can't be read", image);
+    if (auto fits = check_size(*declared, image); !fits) return fits;
     OIIO::Filesystem::IOMemReader memory(bytes.data(), bytes.size());
-    OIIO::ImageSpec config;
+    OIIO::ImageSpec config, spec;
     config.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not multiplied by alpha
     const auto input = OIIO::ImageInput::create(format_name(bytes));
     if (!input) return broken(reason(OIIO::geterror()), image);
-    OIIO::ImageSpec spec;
     // The name is only for messages: the reader sees nothing but these bytes.
     if (!input->set_ioproxy(&memory) || !input->open(format_name(bytes), spec, config)) {
       return broken(reason(input->geterror()), image);
     }
-    input->threads(1);
-    if (auto fits = check_size(spec, image); !fits) return fits;
-    const auto width = static_cast<std::size_t>(spec.width);
-    Image out{static_cast<std::uint32_t>(spec.width), static_cast<std::uint32_t>(spec.height),
-              scene_.image_texels.size()};
-    scene_.image_texels.resize(scene_.image_texels.size() +
-                               width * static_cast<std::size_t>(spec.height));
-    // In bands, so that a stop request is seen in time.
-    const int band = std::max(1, static_cast<int>((1u << 20) / width));
-    std::vector<std::uint8_t> rows;
-    for (int y = 0; y < spec.height; y += band) {
-      if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
-      const int end = std::min(y + band, spec.height);
-      const std::size_t pixels = width * static_cast<std::size_t>(end - y);
-      rows.resize(pixels * static_cast<std::size_t>(spec.nchannels));
-      if (!input->read_scanlines(0, 0, y, end, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8,
-                                 rows.data())) {
-        return broken(reason(input->geterror()), image);
-      }
-      spread_channels(rows, spec.nchannels,
-                      &scene_.image_texels[out.first_texel + width * static_cast<std::size_t>(y)],
-                      pixels);
+    if (spec.width != static_cast<int>(declared->width) ||
+        spec.height != static_cast<int>(declared->height) || spec.nchannels < 1 ||
+        spec.nchannels > 4) {
+      return broken("expected a flat image of 1 to 4 channels, of the size in its header", image);
     }
-    scene_.images.push_back(out);
-    return {};
+    input->threads(1);
+    return read_rows(*input, image);
   }
 
  private:
@@ -119,20 +144,42 @@ class Decoder {
     return "the image can't be decoded: " + shortened(library_says, 200);
   }
 
-  Expected<void> check_size(const OIIO::ImageSpec& spec, std::int32_t image) {
-    if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || spec.nchannels < 1 ||
-        spec.nchannels > 4) {
-      return broken("expected a flat image of 1 to 4 channels", image);
-    }
-    const auto pixels =
-        static_cast<std::uint64_t>(spec.width) * static_cast<std::uint64_t>(spec.height);
+  Expected<void> check_size(ImageSize size, std::int32_t image) {
+    if (size.width == 0 || size.height == 0) return broken("the image is empty", image);
+    const std::uint64_t pixels = std::uint64_t(size.width) * size.height;
     if (pixels > limits_.image_pixels || pixels > pixels_left_) {
       return proto::fail("limit_exceeded",
-                         "an image of " + std::to_string(spec.width) + " x " +
-                             std::to_string(spec.height) + " pixels is too large",
+                         "an image of " + std::to_string(size.width) + " x " +
+                             std::to_string(size.height) + " pixels is too large",
                          "scene", image_pointer(image));
     }
     pixels_left_ -= pixels;
+    return {};
+  }
+
+  /// In bands, so that a stop request is seen in time.
+  Expected<void> read_rows(OIIO::ImageInput& input, std::int32_t image) {
+    const int width = input.spec().width, height = input.spec().height;
+    const int channels = input.spec().nchannels;
+    const Image out{static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height),
+                    scene_.image_texels.size()};
+    scene_.image_texels.resize(out.first_texel + std::uint64_t(out.width) * out.height);
+    const int band = std::max(1, (1 << 20) / width);
+    std::vector<std::uint8_t> rows;
+    for (int y = 0; y < height; y += band) {
+      if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+      const int end = std::min(y + band, height);
+      const std::size_t pixels = std::size_t(out.width) * static_cast<std::size_t>(end - y);
+      rows.resize(pixels * static_cast<std::size_t>(channels));
+      if (!input.read_scanlines(0, 0, y, end, 0, 0, channels, OIIO::TypeDesc::UINT8, rows.data())) {
+        return broken(reason(input.geterror()), image);
+      }
+      spread_channels(
+          rows, channels,
+          &scene_.image_texels[out.first_texel + std::uint64_t(out.width) * std::uint64_t(y)],
+          pixels);
+    }
+    scene_.images.push_back(out);
     return {};
   }
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace kiln::tests {
+namespace kiln::test {
 
 /// glTF component type of a C++ type.
 template <class T>
@@ -152,4 +152,4 @@ inline GltfBuilder triangle_builder() {
   return b;
 }
 
-}  // namespace kiln::tests
+}  // namespace kiln::test

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace kiln::tests {
+namespace kiln::test {
 
 /// A folder of its own, removed with all it holds at the end.
 class TempFolder {
@@ -40,4 +40,4 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-}  // namespace kiln::tests
+}  // namespace kiln::test
