@@ -184,7 +184,7 @@ TEST_P(EveryGenerator, NamesEverythingAndListsItsExtensions) {
 }
 
 TEST_P(EveryGenerator, IsImportedAndItsLayoutUsedAsItIs) {
-  const tests::TempFolder folder;
+  const test::TempFolder folder;
   const auto file = folder.write("scene.glb", *generate_glb(GetParam()));
   proto::BakeSettings settings;
   settings.allow_dark = true;
