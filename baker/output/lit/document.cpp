@@ -1,5 +1,6 @@
 #include "baker/output/lit/document.h"
 
+#include <algorithm>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -152,7 +153,17 @@ std::optional<std::string> LitDocument::image_bytes(const std::string& uri) cons
   return bytes ? std::optional(std::move(*bytes)) : std::nullopt;
 }
 
-/// An image that was not uploaded, or of a kind that a .glb can't name, keeps its URI.
+/// Whether the document may hold images of that type: core glTF knows two, extensions add theirs.
+bool LitDocument::allows_image(const std::string& media_type) const {
+  if (media_type == "image/png" || media_type == "image/jpeg") return true;
+  const char* extension = media_type == "image/webp"   ? "EXT_texture_webp"
+                          : media_type == "image/ktx2" ? "KHR_texture_basisu"
+                                                       : "";
+  const Json used = json_->value("extensionsUsed", Json::array());
+  return std::find(used.begin(), used.end(), extension) != used.end();
+}
+
+/// An image that was not uploaded, or of a type that the document may not hold, keeps its URI.
 void LitDocument::embed_images() {
   if (!json().contains("images") || !json()["images"].is_array()) return;
   for (Json& image : json()["images"]) {
@@ -160,7 +171,7 @@ void LitDocument::embed_images() {
     auto bytes = image_bytes(image["uri"].get<std::string>());
     if (!bytes) continue;
     const std::string kind = sniff_image(*bytes);
-    if (kind.empty()) continue;
+    if (!allows_image(kind)) continue;
     image.erase("uri");
     image["mimeType"] = kind;
     image["bufferView"] = add_view(std::move(*bytes));

@@ -58,6 +58,7 @@ class LitDocument {
   proto::Expected<void> load_buffers(std::optional<std::string_view> binary);
   proto::Expected<void> load_views();
   void merge_buffers();
+  bool allows_image(const std::string& media_type) const;
   void embed_images();
   std::optional<std::string> image_bytes(const std::string& uri) const;
 

@@ -1,0 +1,164 @@
+#include <cmath>
+#include <limits>
+
+#include "baker/output/files.h"
+#include "baker/scene/generate.h"
+#include "output/lit_scene.h"
+#include "proto/json.h"
+
+namespace kiln::test {
+namespace {
+
+/// A Cornell box laid out and lit by hand: E = 100 + x of the texel's position, in lx.
+struct Baked {
+  Folder folder;
+  SceneFiles files;
+  Scene scene;
+  Atlas atlas;
+  TextureGroup texels;
+  Lightmap light;
+  proto::BakeSettings settings;
+  proto::Manifest manifest;
+
+  Baked() {
+    files.main = folder.path / "cornell.glb";
+    std::ofstream(files.main, std::ios::binary) << generate_glb("cornell").value();
+    settings.atlas.page_size = 64;
+    scene = import_scene(files, settings).value();
+    atlas = build_atlas(scene, settings.atlas).value();
+    texels = rasterise(scene, atlas).value();
+    light = Lightmap(texels.size());
+    for (std::uint32_t i = 0; i < texels.size(); ++i) {
+      light.direct[i] = {100 + texels.position[i].x, 10, 1};
+      light.indirect[i] = {0, 0, 5};
+    }
+    manifest.version = "1.2.3";
+    manifest.scene_sha256 = std::string(64, 'a');
+    manifest.settings = settings;
+  }
+  std::filesystem::path out() const {
+    std::filesystem::create_directories(folder.path / "out");
+    return folder.path / "out";
+  }
+  proto::Expected<void> write(std::stop_token stop = {}) {
+    return write_outputs(out(), {files, scene, atlas, texels, light}, settings, manifest, stop);
+  }
+};
+
+TEST(WriteOutputs, EveryFileIsThereAndHashed) {
+  Baked baked;
+  const auto ok = baked.write();
+  ASSERT_TRUE(ok) << ok.error().message;
+  std::vector<std::string> names;
+  for (const auto& file : baked.manifest.files) {
+    names.push_back(file.name);
+    const auto again = describe_file(baked.out() / file.name, "");
+    ASSERT_TRUE(again);
+    EXPECT_EQ(again->sha256, file.sha256);
+    EXPECT_EQ(again->bytes, std::filesystem::file_size(baked.out() / file.name));
+  }
+  EXPECT_EQ(names,
+            (std::vector<std::string>{"page_00.exr", "page_00.png", "lit.glb", "manifest.json"}));
+  const std::filesystem::directory_iterator left(baked.out());
+  EXPECT_EQ(std::distance(begin(left), end(left)), 4);  // no temporaries
+
+  const auto json = proto::parse_json(slurp(baked.out() / "manifest.json"), "request");
+  ASSERT_TRUE(json) << json.error().message;
+  const auto manifest = proto::manifest_from_json(*json);
+  ASSERT_TRUE(manifest) << manifest.error().message;
+  EXPECT_EQ(manifest->files.size(), 3u);
+  ASSERT_EQ(manifest->pages.size(), 1u);
+  EXPECT_EQ(manifest->pages[0].texels, baked.texels.front_count);
+  EXPECT_EQ(manifest->pages[0].exr, "page_00.exr");
+  EXPECT_EQ(manifest->nodes.size(), baked.scene.instances.size());
+}
+
+TEST(WriteOutputs, TheExrHoldsTheSumOfLightAtEachTexel) {
+  Baked baked;
+  baked.settings.output.precision = proto::Precision::kFloat;
+  ASSERT_TRUE(baked.write());
+  const auto image = read_exr(baked.out() / "page_00.exr");
+  ASSERT_TRUE(image);
+  std::uint32_t lit = 0;
+  for (std::size_t i = 0; i < image->rgb.size(); ++i) {
+    const std::int32_t texel = baked.texels.pages[0].texel_at[i];
+    EXPECT_EQ(image->coverage[i] > 0, texel >= 0);
+    if (texel < 0) continue;
+    ++lit;
+    EXPECT_EQ(image->rgb[i], baked.light.irradiance(std::uint32_t(texel)));
+  }
+  EXPECT_EQ(lit, baked.texels.front_count);
+  const std::string bytes = slurp(baked.out() / "page_00.exr");
+  for (const char* said : {"lightkiln:units", "lux", "lightkiln:seed", "gather", "1.2.3"})
+    EXPECT_NE(bytes.find(said), std::string::npos) << said;
+}
+
+TEST(WriteOutputs, SameBytesTwice) {
+  Baked a, b;
+  ASSERT_TRUE(a.write());
+  ASSERT_TRUE(b.write());
+  for (const char* name : {"page_00.exr", "page_00.png", "lit.glb", "manifest.json"})
+    EXPECT_EQ(slurp(a.out() / name), slurp(b.out() / name)) << name;
+}
+
+TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
+  Baked baked;
+  baked.settings.output.formats = {"exr"};
+  baked.settings.output.layers = {"irradiance", "indirect"};
+  ASSERT_TRUE(baked.write());
+  ASSERT_EQ(baked.manifest.files.size(), 2u);
+  EXPECT_EQ(baked.manifest.pages[0].preview, "");
+  EXPECT_NE(slurp(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
+}
+
+TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
+  Baked baked;
+  ASSERT_TRUE(baked.write());
+  const float automatic = baked.manifest.pages[0].preview_exposure;
+  EXPECT_GT(automatic, 0);
+  baked.settings.output.exposure = automatic * 2;
+  const std::string before = slurp(baked.out() / "page_00.png");
+  ASSERT_TRUE(baked.write());
+  EXPECT_EQ(baked.manifest.pages[0].preview_exposure, automatic * 2);
+  EXPECT_NE(slurp(baked.out() / "page_00.png"), before);
+}
+
+TEST(WriteOutputs, APageBeyondHalfIsWrittenAsFloatWithAWarning) {
+  Baked baked;
+  baked.light.direct[3] = {123456, 1, 1};
+  ASSERT_TRUE(baked.write());
+  ASSERT_EQ(baked.manifest.warnings.size(), 1u);
+  EXPECT_EQ(baked.manifest.warnings[0].code, "half_overflow");
+  EXPECT_EQ(baked.manifest.pages[0].max_lx, 123456);
+  const auto image = read_exr(baked.out() / "page_00.exr");
+  ASSERT_TRUE(image);
+  float max = 0;
+  for (const Rgb v : image->rgb) max = std::max(max, v.r);
+  EXPECT_EQ(max, 123456);  // half precision would have made it infinite
+}
+
+TEST(WriteOutputs, AnInfinityNeverLeaves) {
+  for (const float bad : {std::numeric_limits<float>::infinity(), std::nanf("")}) {
+    Baked baked;
+    baked.light.indirect[7].g = bad;
+    const auto ok = baked.write();
+    ASSERT_FALSE(ok);
+    EXPECT_EQ(ok.error().code, "internal");
+    const std::string place =
+        "(" + std::to_string(baked.texels.x[7]) + ", " + std::to_string(baked.texels.y[7]) + ")";
+    EXPECT_NE(ok.error().message.find(place), std::string::npos) << ok.error().message;
+    EXPECT_TRUE(std::filesystem::is_empty(baked.out()));
+  }
+}
+
+TEST(WriteOutputs, StopsWhenTold) {
+  Baked baked;
+  std::stop_source stop;
+  stop.request_stop();
+  const auto ok = baked.write(stop.get_token());
+  ASSERT_FALSE(ok);
+  EXPECT_EQ(ok.error().code, proto::kCanceledCode);
+}
+
+}  // namespace
+}  // namespace kiln::test
