@@ -1,0 +1,168 @@
+// The pipeline from glTF to files, without a server.
+#include "baker/bake.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <mutex>
+#include <thread>
+
+#include "baker/output/output.h"
+#include "baker/scene/generate.h"
+#include "baker/solver/checkpoint.h"
+#include "tests/support/temp_files.h"
+
+namespace kiln::baker {
+namespace {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+using kiln::test::read_bytes;
+using kiln::test::TempFolder;
+
+struct Recorder : BakeObserver {
+  std::vector<std::string> stages;
+  std::vector<proto::PassReport> passes;
+  std::uint32_t snapshots = 0;
+  std::mutex mutex;
+  double fraction = 0;
+  bool fell = false;
+  std::stop_source* stop_at_progress = nullptr;
+
+  void on_stage(const std::string& s) override { stages.push_back(s); }
+  void on_pass(const proto::PassReport& p) override { passes.push_back(p); }
+  void on_snapshot(Snapshot s) override {
+    ++snapshots;
+    EXPECT_EQ(s.light->size(), s.texels->size());
+  }
+  void on_progress(const proto::JobProgress& p) override {
+    const std::lock_guard lock(mutex);
+    fell = fell || p.fraction < fraction - 0.02;  // two threads may report out of turn
+    fraction = p.fraction;
+    if (stop_at_progress && p.stage == "solve") stop_at_progress->request_stop();
+  }
+};
+
+BakeInput input_for(const TempFolder& folder, const std::string& generator,
+                    std::uint32_t page_size) {
+  const auto glb = generate_glb(generator);
+  EXPECT_TRUE(glb);
+  BakeInput in;
+  in.files.main = folder.write("scene.glb", *glb);
+  in.settings.atlas.page_size = page_size;
+  in.output_dir = folder.path() / "out";
+  in.checkpoint_dir = folder.path() / "checkpoints";
+  in.scene_sha256 = "cafe";
+  fs::create_directories(in.output_dir);
+  fs::create_directories(in.checkpoint_dir);
+  return in;
+}
+
+TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
+  const TempFolder folder;
+  const BakeInput in = input_for(folder, "cornell", 128);
+  ThreadPool pool(2);
+  Recorder recorder;
+  const auto manifest = bake(in, pool, {}, recorder);
+  ASSERT_TRUE(manifest) << manifest.error().message;
+  for (const char* name : {"page_00.exr", "page_00.png", "manifest.json", "lit.glb"})
+    EXPECT_TRUE(fs::exists(in.output_dir / name)) << name;
+  EXPECT_EQ(recorder.stages, (std::vector<std::string>{"import", "atlas", "solve", "output"}));
+  EXPECT_EQ(recorder.passes.size(), manifest->statistics.passes.size());
+  EXPECT_EQ(recorder.snapshots, recorder.passes.size());
+  EXPECT_FALSE(recorder.fell);
+  ASSERT_GT(recorder.passes.size(), 3u);
+  EXPECT_EQ(recorder.passes[0].name, "direct");
+  EXPECT_LE(recorder.passes.back().residual, in.settings.solver.tolerance);
+  EXPECT_GT(manifest->statistics.peak_memory_bytes, 1u << 20);
+  EXPECT_GT(manifest->statistics.rays, manifest->statistics.texels * in.settings.solver.samples);
+
+  const auto page = read_exr(in.output_dir / "page_00.exr");
+  ASSERT_TRUE(page) << page.error().message;
+  EXPECT_EQ(page->width, 128u);
+  std::uint64_t lit = 0;
+  for (std::size_t i = 0; i < page->rgb.size(); ++i) {
+    ASSERT_TRUE(std::isfinite(page->rgb[i].r));
+    lit += page->coverage[i] > 0;
+  }
+  EXPECT_EQ(lit, manifest->pages.at(0).texels);
+}
+
+TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
+  std::string first;
+  for (const unsigned threads : {1u, 2u, 3u, 8u}) {
+    const TempFolder folder;
+    BakeInput in = input_for(folder, "courtyard", 64);
+    in.settings.solver.samples = 32;
+    in.settings.output.precision = proto::Precision::kFloat;
+    in.settings.output.layers = {"irradiance", "direct", "indirect"};
+    ThreadPool pool(threads);
+    BakeObserver quiet;
+    const auto manifest = bake(in, pool, {}, quiet);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    const std::string exr = read_bytes(in.output_dir / "page_00.exr");
+    if (first.empty()) first = exr;
+    EXPECT_TRUE(exr == first) << threads << " threads";
+  }
+}
+
+TEST(Bake, StopsWithinASecondAndSaysSo) {
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "cornell", 1024);
+  in.settings.solver.samples = 4096;
+  ThreadPool pool(2);
+  std::stop_source stop;
+  Recorder recorder;
+  std::chrono::steady_clock::time_point asked;
+  std::jthread canceller([&] {
+    std::this_thread::sleep_for(1s);
+    asked = std::chrono::steady_clock::now();
+    stop.request_stop();
+  });
+  const auto manifest = bake(in, pool, stop.get_token(), recorder);
+  ASSERT_FALSE(manifest);
+  EXPECT_EQ(manifest.error().code, proto::kCanceledCode);
+  EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s);
+  EXPECT_FALSE(fs::exists(in.output_dir / "manifest.json"));
+}
+
+TEST(Bake, CheckpointHoldsTheLastPass) {
+  const TempFolder folder;
+  const BakeInput in = input_for(folder, "cornell", 64);
+  ThreadPool pool(2);
+  Recorder recorder;
+  ASSERT_TRUE(bake(in, pool, {}, recorder));
+  const auto checkpoint = read_checkpoint(in.checkpoint_dir, in.scene_sha256);
+  ASSERT_TRUE(checkpoint) << checkpoint.error().message;
+  EXPECT_EQ(checkpoint->passes.size(), recorder.passes.size());
+  EXPECT_EQ(checkpoint->passes.back().name, recorder.passes.back().name);
+  EXPECT_GT(checkpoint->light.irradiance(checkpoint->light.size() / 2).g, 0);
+  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, "another").error().code, "no_checkpoint");
+
+  const fs::path file = in.checkpoint_dir / "pass.bin";
+  std::string bytes = read_bytes(file);
+  bytes[bytes.size() / 2] = char(bytes[bytes.size() / 2] ^ 1);
+  std::ofstream(file, std::ios::binary) << bytes;
+  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, in.scene_sha256).error().code, "no_checkpoint");
+  fs::resize_file(file, 100);
+  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, in.scene_sha256).error().code, "no_checkpoint");
+}
+
+TEST(Bake, SceneWithoutLightIsAnErrorUnlessAllowed) {
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "sphere_on_plane", 64);
+  ThreadPool pool(2);
+  BakeObserver quiet;
+  const auto dark = bake(in, pool, {}, quiet);
+  ASSERT_FALSE(dark);
+  EXPECT_EQ(dark.error().code, "no_light");
+  in.settings.allow_dark = true;
+  const auto allowed = bake(in, pool, {}, quiet);
+  ASSERT_TRUE(allowed) << allowed.error().message;
+  EXPECT_EQ(allowed->pages.at(0).max_lx, 0);
+}
+
+}  // namespace
+}  // namespace kiln::baker
