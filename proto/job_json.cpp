@@ -55,6 +55,30 @@ void read_error(JsonReader& in, Error& out) {
   });
 }
 
+void read_summary(JsonReader& in, JobSummary& out) {
+  in.read("id", out.id);
+  std::string state;
+  in.read("state", state);
+  if (auto known = job_state_from_string(state))
+    out.state = *known;
+  else
+    in.wrong("state", "a job state", json(state));
+  in.read("attempt", out.attempt);
+  in.read("version", out.version);
+  JsonReader scene = in.child("scene");
+  scene.read("sha256", out.scene_sha256);
+  scene.read("bytes", out.scene_bytes);
+  in.read_or_null("created_at", out.created_at);
+  in.read_or_null("started_at", out.started_at);
+  in.read_or_null("finished_at", out.finished_at);
+  JsonReader progress = in.child("progress");
+  read_progress(progress, out.progress);
+  const auto* error = in.find("error");
+  if (error == nullptr || error->is_null()) return;
+  JsonReader members = in.child("error");
+  read_error(members, out.error.emplace());
+}
+
 }  // namespace
 
 const char* to_string(JobState state) {
@@ -141,28 +165,16 @@ Expected<JobSummary> job_summary_from_json(const json& doc) {
   ProblemList problems("document");
   JsonReader in(doc, "", problems);
   JobSummary out;
-  in.read("id", out.id);
-  std::string state;
-  in.read("state", state);
-  if (auto known = job_state_from_string(state))
-    out.state = *known;
-  else
-    problems.add("/state", known.error().message);
-  in.read("attempt", out.attempt);
-  in.read("version", out.version);
-  JsonReader scene = in.child("scene");
-  scene.read("sha256", out.scene_sha256);
-  scene.read("bytes", out.scene_bytes);
-  in.read_or_null("created_at", out.created_at);
-  in.read_or_null("started_at", out.started_at);
-  in.read_or_null("finished_at", out.finished_at);
-  JsonReader progress = in.child("progress");
-  read_progress(progress, out.progress);
-  const auto* error = in.find("error");
-  if (error != nullptr && !error->is_null()) {
-    JsonReader members = in.child("error");
-    read_error(members, out.error.emplace());
-  }
+  read_summary(in, out);
+  if (!problems.empty()) return Unexpected(std::move(problems).error("bad_document"));
+  return out;
+}
+
+Expected<std::vector<JobSummary>> job_list_from_json(const json& doc) {
+  ProblemList problems("document");
+  JsonReader in(doc, "", problems);
+  std::vector<JobSummary> out;
+  in.read_list("items", out, read_summary);
   if (!problems.empty()) return Unexpected(std::move(problems).error("bad_document"));
   return out;
 }

@@ -3,6 +3,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "proto/bake_settings.h"
 #include "proto/event.h"
@@ -50,7 +51,10 @@ Expected<Error> error_from_json(const nlohmann::json&);
 Expected<PassReport> pass_report_from_json(const nlohmann::json&);
 Expected<JobProgress> progress_from_json(const nlohmann::json&);
 Expected<JobSummary> job_summary_from_json(const nlohmann::json&);
+Expected<std::vector<JobSummary>> job_list_from_json(const nlohmann::json&);  ///< {"items": [...]}
 Expected<Manifest> manifest_from_json(const nlohmann::json&);
+/// Only `files` of a manifest, whatever the version of the rest.
+Expected<std::vector<ResultFile>> result_files_from_json(const nlohmann::json&);
 
 const char* to_string(JobState);
 Expected<JobState> job_state_from_string(std::string_view);

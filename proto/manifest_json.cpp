@@ -172,6 +172,15 @@ Expected<PassReport> pass_report_from_json(const json& doc) {
   return out;
 }
 
+Expected<std::vector<ResultFile>> result_files_from_json(const json& doc) {
+  ProblemList problems("document");
+  JsonReader in(doc, "", problems);
+  std::vector<ResultFile> out;
+  in.read_list("files", out, read_file);
+  if (!problems.empty()) return Unexpected(std::move(problems).error("bad_document"));
+  return out;
+}
+
 Expected<Manifest> manifest_from_json(const json& doc) {
   ProblemList problems("document");
   JsonReader in(doc, "", problems);

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <httplib.h>
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "clients/client.h"
+
+/// For the client's own .cpp files.
+namespace kiln::clients {
+
+struct Client::Impl {
+  ServerUrl url;
+  httplib::Client http;
+
+  explicit Impl(ServerUrl where);
+
+  std::string path(const std::string& below) const { return url.base + "/v1" + below; }
+  proto::Unexpected unreachable(httplib::Error) const;
+
+  /// The body of a 2xx answer as JSON; the service's problem otherwise.
+  proto::Expected<nlohmann::json> document(const httplib::Result&) const;
+  proto::Expected<nlohmann::json> get(const std::string& below);
+};
+
+/// What a non-2xx answer says.
+proto::Error error_of_answer(int status, const std::string& body, const std::string& origin);
+
+/// Errors: `bad_request` when this can't be a job's id.
+proto::Expected<void> check_job_id(const std::string& id);
+
+}  // namespace kiln::clients

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/expected.h"
+
+namespace kiln::clients {
+
+/// A multipart/form-data body whose files stay on disk: its length is known beforehand, and only
+/// one piece of it is in memory at a time.
+class MultipartBody {
+ public:
+  explicit MultipartBody(std::string boundary);
+
+  void add_text(const std::string& name, const std::string& media_type, std::string text);
+  /// `file_name` is what the service is told. Errors: `missing_file` when it can't be read.
+  proto::Expected<void> add_file(const std::string& name, const std::string& file_name,
+                                 const std::filesystem::path&);
+  void finish();  ///< no parts after this
+
+  std::uint64_t size() const { return size_; }
+  std::string content_type() const;
+
+  /// Hands up to `length` bytes from `offset` on to `sink`, in at most a few pieces. False when a
+  /// file is shorter than it was (error()) or when the sink refuses.
+  bool read(std::uint64_t offset, std::uint64_t length,
+            const std::function<bool(std::string_view)>& sink);
+  const std::string& error() const { return error_; }
+
+ private:
+  struct Segment {
+    std::uint64_t begin = 0, size = 0;
+    std::string text;  ///< used when `file` is empty
+    std::filesystem::path file;
+  };
+  std::string boundary_, error_;
+  std::vector<Segment> segments_;
+  std::uint64_t size_ = 0;
+  std::ifstream open_;
+  std::filesystem::path open_path_;
+  std::vector<char> buffer_;
+
+  void append(Segment);
+  bool read_file(const Segment&, std::uint64_t at, std::uint64_t length,
+                 const std::function<bool(std::string_view)>& sink);
+};
+
+}  // namespace kiln::clients

@@ -1,0 +1,126 @@
+#include "baker/bake.h"
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "clients/sha256.h"
+#include "proto/json.h"
+#include "server/cli/commands.h"
+#include "server/cli/interrupt.h"
+#include "server/cli/progress.h"
+#include "server/cli/report.h"
+#include "server/cli/settings_input.h"
+#include "server/cli/side_files.h"
+
+namespace kiln::cli {
+namespace {
+
+struct BakeFlags {
+  std::string scene, out;
+  std::vector<std::string> side;
+  SettingsInput settings;
+  unsigned threads = 0;
+  bool quiet = false, json = false;
+};
+
+/// Forwards the bake's course to the progress view.
+class Observer : public baker::BakeObserver {
+ public:
+  explicit Observer(ProgressView& view) : view_(view) {}
+  void on_progress(const proto::JobProgress& p) override { view_.update(p); }
+  void on_warning(const proto::Warning& w) override {
+    view_.note("warning: " + w.message + (w.pointer.empty() ? "" : " (" + w.pointer + ")"));
+  }
+
+ private:
+  ProgressView& view_;
+};
+
+proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
+  baker::BakeInput input;
+  auto settings = flags.settings.settings();
+  if (!settings) return proto::Unexpected(std::move(settings.error()));
+  input.settings = std::move(*settings);
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(flags.scene, error))
+    return proto::fail("missing_file", "there is no file " + flags.scene);
+  auto digest = clients::sha256_of_file(flags.scene);
+  if (!digest) return proto::Unexpected(std::move(digest.error()));
+  input.scene_sha256 = std::move(*digest);
+  auto side = all_side_files(flags.scene, flags.side);
+  if (!side) return proto::Unexpected(std::move(side.error()));
+  input.files = {flags.scene, std::move(*side)};
+  std::filesystem::create_directories(flags.out, error);
+  if (error)
+    return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());
+  input.output_dir = flags.out;
+  return input;
+}
+
+void print_summary(const BakeFlags& flags, const proto::Manifest& manifest) {
+  if (flags.json) {
+    std::puts(proto::to_text(proto::to_json(manifest), 2).c_str());
+    return;
+  }
+  if (flags.quiet) return;
+  const std::filesystem::path dir(flags.out);
+  for (const auto& file : manifest.files) std::puts((dir / file.name).c_str());
+  std::puts((dir / "manifest.json").c_str());
+}
+
+int run_bake(const BakeFlags& flags) {
+  auto input = input_of(flags);
+  if (!input) return report(input.error());
+  const unsigned threads =
+      flags.threads != 0 ? flags.threads : std::max(1u, std::thread::hardware_concurrency());
+  const Interrupt interrupt;  // Before the pool: its threads inherit the signal mask.
+  baker::ThreadPool pool(threads);
+  ProgressView view(ProgressView::style_for(flags.quiet));
+  Observer observer(view);
+  const auto manifest = baker::bake(*input, pool, interrupt.token(), observer);
+  view.finish();
+  if (!manifest) return report(manifest.error());
+  print_summary(flags, *manifest);
+  return kDone;
+}
+
+}  // namespace
+
+void add_bake(CLI::App& app, Run& run) {
+  auto flags = std::make_shared<BakeFlags>();
+  auto* command = app.add_subcommand("bake", "Bake a scene here, without a service");
+  command->add_option("scene", flags->scene, "The scene: .glb, or .gltf with the files it names")
+      ->required()
+      ->type_name("IN");
+  command->add_option("-o,--out", flags->out, "Folder for the results; made when missing")
+      ->required()
+      ->type_name("DIR");
+  command
+      ->add_option("--side", flags->side,
+                   "A file that the scene needs and that does not lie beside it; may be given many "
+                   "times")
+      ->type_name("FILE")
+      ->take_all();
+  flags->settings.add_flags(*command);
+  command->add_option("--threads", flags->threads, "Threads that bake; 0: one per processor")
+      ->check(CLI::Range(0u, 1024u))
+      ->envname("LIGHTKILN_THREADS")
+      ->capture_default_str();
+  command->add_flag("-q,--quiet", flags->quiet, "Say nothing but errors");
+  command->add_flag("--json", flags->json, "Print manifest.json on stdout");
+  command->footer(R"(Examples:
+  lightkiln bake room.glb -o out/
+  lightkiln bake room.gltf -o out/ --set solver.samples=64 --set atlas.page_size=512
+  lightkiln bake dark.glb -o out/ --set sky.radiance=[1,1,1]
+  lightkiln bake room.glb -o out/ --settings bake.json --json > manifest.json
+
+Writes page_NN.exr (irradiance in lux), page_NN.png (previews), lit.glb and manifest.json: exactly
+what the service would return.)");
+  command->callback([flags, &run] { run = [flags] { return run_bake(*flags); }; });
+}
+
+}  // namespace kiln::cli

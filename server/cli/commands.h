@@ -1,0 +1,30 @@
+#pragma once
+
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+/// One function per command: adds it with its flags and help to the program, and has `run` set to
+/// its work when the command line asks for it. `run` returns the process's exit code.
+namespace kiln::cli {
+
+using Run = std::function<int()>;
+
+void add_serve(CLI::App&, Run&);
+void add_bake(CLI::App&, Run&);
+void add_submit(CLI::App&, Run&);
+void add_status(CLI::App&, Run&);
+void add_watch(CLI::App&, Run&);
+void add_cancel(CLI::App&, Run&);
+void add_fetch(CLI::App&, Run&);
+void add_compare(CLI::App&, Run&);
+void add_scene(CLI::App&, Run&);
+void add_settings(CLI::App&, Run&);
+void add_version(CLI::App&, Run&);
+
+/// The whole program: parses, runs, returns the exit code.
+int run_program(int argc, char** argv);
+
+}  // namespace kiln::cli

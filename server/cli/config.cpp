@@ -1,0 +1,282 @@
+#include "server/cli/config.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdint>
+
+#include "proto/nearest_name.h"
+#include "proto/problem_list.h"
+#include "server/cli/toml_values.h"
+
+extern char** environ;
+
+namespace kiln::cli {
+namespace {
+
+using server::LogFormat;
+using server::ServerConfig;
+
+constexpr std::string_view kPrefix = "LIGHTKILN_";
+
+/// Variables of other commands and of the loader itself.
+constexpr std::array<std::string_view, 2> kOtherVariables{"LIGHTKILN_CONFIG", "LIGHTKILN_SERVER"};
+
+std::optional<std::uint64_t> whole_number(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) return {};
+  return value;
+}
+
+std::optional<std::uint64_t> byte_count(std::string_view text) {
+  constexpr std::array<std::pair<std::string_view, unsigned>, 3> kUnits{
+      {{"KiB", 10}, {"MiB", 20}, {"GiB", 30}}};
+  unsigned shift = 0;
+  for (const auto& [unit, bits] : kUnits) {
+    if (text.size() <= unit.size() || text.substr(text.size() - unit.size()) != unit) continue;
+    text.remove_suffix(unit.size());
+    shift = bits;
+  }
+  const auto value = whole_number(text);
+  if (!value || *value > (~std::uint64_t{0} >> shift)) return {};
+  return *value << shift;
+}
+
+template <auto Member, std::uint64_t Min, std::uint64_t Max>
+bool parse_number(ServerConfig& config, const std::string& text) {
+  const auto value = whole_number(text);
+  if (!value || *value < Min || *value > Max) return false;
+  config.*Member = static_cast<std::remove_reference_t<decltype(config.*Member)>>(*value);
+  return true;
+}
+
+template <auto Member, std::uint64_t Min>
+bool parse_bytes(ServerConfig& config, const std::string& text) {
+  const auto value = byte_count(text);
+  if (!value || *value < Min || *value > (1ull << 62)) return false;
+  config.*Member = *value;
+  return true;
+}
+
+template <auto Member>
+std::string show_number(const ServerConfig& config) {
+  return std::to_string(config.*Member);
+}
+
+bool parse_address(ServerConfig& config, const std::string& text) {
+  const bool fits = !text.empty() && text.size() <= 255 &&
+                    std::all_of(text.begin(), text.end(), [](unsigned char c) {
+                      return std::isalnum(c) != 0 || c == '.' || c == ':' || c == '-' || c == '_';
+                    });
+  if (fits) config.listen = text;
+  return fits;
+}
+
+bool parse_folder(ServerConfig& config, const std::string& text) {
+  if (text.empty() || text.find('\0') != std::string::npos) return false;
+  config.data = text;
+  return true;
+}
+
+bool parse_log_level(ServerConfig& config, const std::string& text) {
+  constexpr std::array<std::string_view, 6> kLevels{"trace", "debug", "info",
+                                                    "warn",  "error", "off"};
+  if (std::find(kLevels.begin(), kLevels.end(), text) == kLevels.end()) return false;
+  config.log_level = text;
+  return true;
+}
+
+bool parse_log_format(ServerConfig& config, const std::string& text) {
+  if (text != "text" && text != "json") return false;
+  config.log_format = text == "json" ? LogFormat::kJson : LogFormat::kText;
+  return true;
+}
+
+}  // namespace
+
+// clang-format off
+const std::vector<ConfigRow>& config_rows() {
+  using C = ServerConfig;
+  static const std::vector<ConfigRow> rows{
+      {"listen", false, "an address or host name", "Address that both ports listen on",
+       parse_address, [](const C& c) { return c.listen; }},
+      {"port", true, "a port from 0 to 65535", "Port of the API; 0: any free one",
+       parse_number<&C::port, 0, 65535>, show_number<&C::port>},
+      {"admin_port", true, "a port from 0 to 65535", "Port of /healthz and /readyz; 0: any free one",
+       parse_number<&C::admin_port, 0, 65535>, show_number<&C::admin_port>},
+      {"data", false, "a folder", "Folder of jobs, uploads and results; created when missing",
+       parse_folder, [](const C& c) { return c.data.string(); }},
+      {"threads", true, "a number from 0 to 1024", "Threads that bake; 0: one per processor",
+       parse_number<&C::threads, 0, 1024>, show_number<&C::threads>},
+      {"http_threads", true, "a number from 2 to 1024", "Threads that answer requests",
+       parse_number<&C::http_threads, 2, 1024>, show_number<&C::http_threads>},
+      {"max_upload_bytes", false, "a number of bytes from 1KiB on, such as 536870912 or 512MiB",
+       "Largest body of a request", parse_bytes<&C::max_upload_bytes, 1024>,
+       show_number<&C::max_upload_bytes>},
+      {"max_request_json_bytes", false, "a number of bytes from 1KiB on, such as 4194304 or 4MiB",
+       "Largest JSON body or settings part", parse_bytes<&C::max_request_json_bytes, 1024>,
+       show_number<&C::max_request_json_bytes>},
+      {"max_running_jobs", true, "a number from 1 to 256", "Jobs that bake at the same time",
+       parse_number<&C::max_running_jobs, 1, 256>, show_number<&C::max_running_jobs>},
+      {"max_queued_jobs", true, "a number from 1 to 1000000",
+       "Jobs that may wait; one more is refused with queue_full",
+       parse_number<&C::max_queued_jobs, 1, 1'000'000>, show_number<&C::max_queued_jobs>},
+      {"heartbeat_seconds", true, "a number from 1 to 3600",
+       "Seconds between comments on a silent event stream",
+       parse_number<&C::heartbeat_seconds, 1, 3600>, show_number<&C::heartbeat_seconds>},
+      {"drain_seconds", true, "a number from 0 to 86400",
+       "Seconds that running jobs get to finish after SIGTERM",
+       parse_number<&C::drain_seconds, 0, 86400>, show_number<&C::drain_seconds>},
+      {"log_level", false, "trace, debug, info, warn, error or off", "Least important line to log",
+       parse_log_level, [](const C& c) { return c.log_level; }},
+      {"log_format", false, "text or json", "One line per event for people or for programs",
+       parse_log_format,
+       [](const C& c) { return std::string(c.log_format == LogFormat::kJson ? "json" : "text"); }},
+  };
+  return rows;
+}
+// clang-format on
+
+std::string flag_of(std::string_view name) {
+  std::string flag = "--" + std::string(name);
+  std::replace(flag.begin(), flag.end(), '_', '-');
+  return flag;
+}
+
+std::string variable_of(std::string_view name) {
+  std::string variable(kPrefix);
+  for (const char c : name)
+    variable += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return variable;
+}
+
+Environment process_environment() {
+  Environment out;
+  for (char** entry = environ; *entry != nullptr; ++entry) {
+    const std::string_view text(*entry);
+    if (const auto equals = text.find('='); equals != std::string_view::npos)
+      out.emplace(text.substr(0, equals), text.substr(equals + 1));
+  }
+  return out;
+}
+
+std::filesystem::path default_data_folder(const Environment& environment) {
+  const auto folder = [&](const char* name) {
+    const auto at = environment.find(name);
+    const std::filesystem::path path(at == environment.end() ? "" : at->second);
+    return path.is_absolute() ? path : std::filesystem::path();
+  };
+  if (const auto xdg = folder("XDG_DATA_HOME"); !xdg.empty()) return xdg / "lightkiln";
+  if (const auto home = folder("HOME"); !home.empty()) return home / ".local/share/lightkiln";
+  return "lightkiln-data";
+}
+
+namespace {
+
+/// Puts values over one another and notes what is wrong with them.
+class Loader {
+ public:
+  explicit Loader(const ConfigSources& sources) : sources_(sources) {
+    out_.config.data = default_data_folder(sources.environment);
+    for (const auto& row : config_rows()) out_.origin[std::string(row.name)] = "default";
+  }
+
+  proto::Expected<LoadedConfig> run() {
+    if (auto ok = read_file(); !ok) return proto::Unexpected(std::move(ok.error()));
+    read_environment();
+    for (const auto& [name, text] : sources_.flags) set(name, text, "flag", flag_of(name));
+    check_together();
+    if (!problems_.empty()) return proto::Unexpected(std::move(problems_).error("invalid_config"));
+    return std::move(out_);
+  }
+
+ private:
+  const ConfigSources& sources_;
+  LoadedConfig out_;
+  proto::ProblemList problems_{"config"};
+
+  static const ConfigRow* row_of(std::string_view name) {
+    const auto& rows = config_rows();
+    const auto at =
+        std::find_if(rows.begin(), rows.end(), [&](const ConfigRow& r) { return r.name == name; });
+    return at == rows.end() ? nullptr : &*at;
+  }
+
+  void set(const std::string& name, const std::string& text, const std::string& origin,
+           const std::string& place) {
+    const ConfigRow* row = row_of(name);
+    if (row != nullptr && row->parse(out_.config, text)) {
+      out_.origin[name] = origin;
+      return;
+    }
+    if (row == nullptr)
+      problems_.add(place, "unknown");
+    else
+      problems_.add(place, "expected " + std::string(row->expected) + ", found \"" + text + "\"");
+  }
+
+  void read_environment() {
+    std::vector<std::string> variables(kOtherVariables.begin(), kOtherVariables.end());
+    for (const auto& row : config_rows()) variables.push_back(variable_of(row.name));
+    const std::vector<std::string_view> known(variables.begin(), variables.end());
+    for (const auto& [variable, text] : sources_.environment) {
+      if (variable.rfind(kPrefix, 0) != 0) continue;
+      if (std::find(known.begin(), known.end(), variable) == known.end())
+        problems_.add(variable, "unknown variable" + proto::name_hint(variable, known));
+      for (const auto& row : config_rows())
+        if (variable == variable_of(row.name)) set(std::string(row.name), text, variable, variable);
+    }
+  }
+
+  proto::Expected<void> read_file() {
+    std::error_code error;
+    const auto& path = sources_.file.value_or(sources_.default_file);
+    if (!sources_.file && !std::filesystem::exists(path, error)) return {};
+    auto values = read_toml(path);
+    if (!values) return proto::Unexpected(std::move(values.error()));
+    std::vector<std::string_view> known;
+    for (const auto& row : config_rows()) known.push_back(row.name);
+    for (const auto& [key, value] : *values) {
+      const ConfigRow* row = row_of(key);
+      const std::string place = path.string() + ": " + key;
+      if (row == nullptr)
+        problems_.add(place, "unknown key" + proto::name_hint(key, known));
+      else if (row->is_number && value.kind != TomlValue::Kind::kInteger)
+        problems_.add(place, "expected " + std::string(row->expected) + ", as a bare number");
+      else if (value.kind == TomlValue::Kind::kOther)
+        problems_.add(place, "expected " + std::string(row->expected));
+      else
+        set(key, value.text, path.string(), place);
+    }
+    return {};
+  }
+
+  void check_together() {
+    const auto& c = out_.config;
+    if (c.port != 0 && c.port == c.admin_port)
+      problems_.add(flag_of("admin_port"),
+                    "expected another port than --port (" + std::to_string(c.port) + ")");
+  }
+};
+
+}  // namespace
+
+proto::Expected<LoadedConfig> load_config(const ConfigSources& sources) {
+  return Loader(sources).run();
+}
+
+std::string config_text(const LoadedConfig& loaded) {
+  std::string out;
+  for (const auto& row : config_rows()) {
+    const std::string value = row.show(loaded.config);
+    const bool bare =
+        !value.empty() && whole_number(value) && row.name != "listen" && row.name != "data";
+    out += "# " + std::string(row.description) +
+           " (from: " + loaded.origin.at(std::string(row.name)) + ")\n" + std::string(row.name) +
+           " = " + (bare ? value : toml_string(value)) + "\n";
+  }
+  return out;
+}
+
+}  // namespace kiln::cli

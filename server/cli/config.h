@@ -1,0 +1,59 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/expected.h"
+#include "server/config.h"
+
+/// Where a ServerConfig comes from: flags, then LIGHTKILN_* variables, then a TOML file, then
+/// defaults. One table gives the flags and their help, the variables, the file's keys and the echo.
+namespace kiln::cli {
+
+/// One setting of the service as text.
+struct ConfigRow {
+  std::string_view name;  ///< "max_upload_bytes"; the flag is --max-upload-bytes
+  bool is_number = false;
+  std::string_view expected;  ///< "a number of bytes: 1073741824, 512MiB, 1GiB"
+  std::string_view description;
+  /// False when the text is not what `expected` says; the config is then unchanged.
+  bool (*parse)(server::ServerConfig&, const std::string& text);
+  std::string (*show)(const server::ServerConfig&);
+};
+
+const std::vector<ConfigRow>& config_rows();
+
+std::string flag_of(std::string_view name);      ///< "--max-upload-bytes"
+std::string variable_of(std::string_view name);  ///< "LIGHTKILN_MAX_UPLOAD_BYTES"
+
+using Environment = std::map<std::string, std::string>;
+Environment process_environment();
+
+struct ConfigSources {
+  std::map<std::string, std::string> flags;               ///< by row name
+  Environment environment;                                ///< all of it
+  std::optional<std::filesystem::path> file;              ///< named by the user: must exist
+  std::filesystem::path default_file = "lightkiln.toml";  ///< used when it exists
+};
+
+struct LoadedConfig {
+  server::ServerConfig config;
+  std::map<std::string, std::string>
+      origin;  ///< row name -> "flag", "LIGHTKILN_PORT", file, "default"
+};
+
+/// All problems at once. Errors: `invalid_config`, each place with source "flag", "environment" or
+/// "file"; unknown keys and LIGHTKILN_* variables are problems.
+proto::Expected<LoadedConfig> load_config(const ConfigSources&);
+
+/// As TOML that load_config() reads back, each value with its description and origin.
+std::string config_text(const LoadedConfig&);
+
+/// $XDG_DATA_HOME/lightkiln, else ~/.local/share/lightkiln, else ./lightkiln-data.
+std::filesystem::path default_data_folder(const Environment&);
+
+}  // namespace kiln::cli

@@ -1,0 +1,84 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <memory>
+
+#include "server/cli/commands.h"
+#include "server/cli/remote.h"
+#include "server/cli/report.h"
+#include "server/cli/settings_input.h"
+#include "server/cli/side_files.h"
+
+namespace kiln::cli {
+namespace {
+
+struct SubmitFlags {
+  std::string scene, out;
+  std::vector<std::string> side;
+  SettingsInput settings;
+  RemoteFlags remote;
+  bool wait = false;
+};
+
+proto::Expected<clients::Submission> submission_of(const SubmitFlags& flags) {
+  auto settings = flags.settings.document();
+  if (!settings) return proto::Unexpected(std::move(settings.error()));
+  auto side = all_side_files(flags.scene, flags.side);
+  if (!side) return proto::Unexpected(std::move(side.error()));
+  return clients::Submission{flags.scene, std::move(*side), std::move(*settings)};
+}
+
+int run_submit(const SubmitFlags& flags) {
+  const auto submission = submission_of(flags);
+  if (!submission) return report(submission.error());
+  const auto client = flags.remote.client();
+  if (!client) return report(client.error());
+  auto job = (*client)->submit(*submission);
+  if (!job) return report(job.error());
+  if (!flags.wait) {
+    std::puts(job->id.c_str());
+    return kDone;
+  }
+  if (!flags.remote.quiet) std::fprintf(stderr, "job %s\n", job->id.c_str());
+  job = watch_job(**client, job->id, flags.remote.quiet);
+  if (!job) return report(job.error());
+  if (const int code = report_end(*job); code != kDone) return code;
+  if (flags.out.empty()) return kDone;
+  const auto fetched = fetch_results(**client, job->id, flags.out, flags.remote.quiet);
+  return fetched ? int{kDone} : report(fetched.error());
+}
+
+}  // namespace
+
+void add_submit(CLI::App& app, Run& run) {
+  auto flags = std::make_shared<SubmitFlags>();
+  auto* command = app.add_subcommand("submit", "Send a scene to a service");
+  command->add_option("scene", flags->scene, "The scene: .glb, or .gltf with the files it names")
+      ->required()
+      ->type_name("FILE");
+  command
+      ->add_option("--side", flags->side,
+                   "A file that the scene needs and that does not lie beside it; may be given many "
+                   "times")
+      ->type_name("FILE")
+      ->take_all();
+  flags->settings.add_flags(*command);
+  auto* wait = command->add_flag("--wait", flags->wait, "Show progress until the job ends");
+  command->add_option("-o,--out", flags->out, "Then download the results into this folder")
+      ->needs(wait)
+      ->type_name("DIR");
+  flags->remote.add_server(*command);
+  flags->remote.add_quiet(*command);
+  command->footer(
+      R"(Without --wait the job's id is printed, and the job goes on without this program; so it does when
+the program is interrupted.
+
+Examples:
+  lightkiln submit room.glb --wait -o out/
+  id=$(lightkiln submit room.glb --set solver.samples=1024) && lightkiln watch $id
+
+Exit codes: 0 the job succeeded (without --wait: was accepted); 1 it failed, or the service can't be
+reached; 2 wrong usage or input.)");
+  command->callback([flags, &run] { run = [flags] { return run_submit(*flags); }; });
+}
+
+}  // namespace kiln::cli
