@@ -17,7 +17,7 @@ enum class JobState {
   kCanceling,
   kSucceeded,
   kFailed,
-  kCancelled,  ///< "canceled"; the constant kCanceled is the error code of the same name
+  kCancelled,  ///< "canceled" in JSON
 };
 
 constexpr bool is_terminal(JobState s) {
