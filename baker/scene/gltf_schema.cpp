@@ -5,6 +5,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <span>
+#include <sstream>
+#include <string>
 #include <vector>
 
 #include "baker/scene/gltf_json.h"
@@ -17,6 +19,7 @@ using nlohmann::json;
 enum class Kind {
   kBool,
   kString,
+  kWord,       ///< one of the words of `target`, which are parted by spaces
   kInteger,    ///< in [low, high]
   kNumber,     ///< in [low, high]; fits a float
   kNumbers,    ///< array of `length` kNumbers, any length when 0
@@ -49,6 +52,9 @@ constexpr Field boolean(const char* name) {
 }
 constexpr Field text(const char* name, bool required = false) {
   return {name, Kind::kString, required};
+}
+constexpr Field word(const char* name, const char* words, bool required = false) {
+  return {name, Kind::kWord, required, words};
 }
 constexpr Field integer(const char* name, double low, double high = kMaxSize,
                         bool required = false) {
@@ -121,7 +127,7 @@ constexpr Field kAccessor[] = {
     integer("componentType", 5120, 5126, kRequired),
     boolean("normalized"),
     integer("count", 1, kMaxSize, kRequired),
-    text("type", kRequired),
+    word("type", "SCALAR VEC2 VEC3 VEC4 MAT2 MAT3 MAT4", kRequired),
     numbers("max", 0, std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()),
     numbers("min", 0, std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()),
     object("sparse", kSparse)};
@@ -313,6 +319,15 @@ class Checker {
                                          " has " + std::to_string(size_of(target)) + " elements");
   }
 
+  bool check_word(const json& value, const char* words) {
+    if (!value.is_string()) return wrong("expected a string");
+    std::istringstream list(words);
+    for (std::string w; list >> w;) {
+      if (value.get_ref<const std::string&>() == w) return true;
+    }
+    return wrong(std::string("expected one of ") + words);
+  }
+
   bool check_index_map(json& value, const char* target) {
     return each_member(value, [&](json& member) { return check_index(member, target); });
   }
@@ -323,6 +338,8 @@ class Checker {
         return value.is_boolean() || wrong("expected true or false");
       case Kind::kString:
         return value.is_string() || wrong("expected a string");
+      case Kind::kWord:
+        return check_word(value, f.target);
       case Kind::kInteger:
         return check_integer(value, f.low, f.high);
       case Kind::kNumber:
