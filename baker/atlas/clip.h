@@ -73,7 +73,7 @@ Interval extent(const Polygon& p) {
   return e;
 }
 
-/// A triangle on its page, with the affine map from the page to barycentric coordinates.
+/// A triangle on its page.
 struct UvTriangle {
   Point p[3];
   double det = 0;  ///< twice the signed area, texels^2
@@ -87,18 +87,16 @@ struct UvTriangle {
   }
   double area() const { return std::abs(det) / 2; }
   Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
-  /// Barycentric (u, v) of a page point; outside [0, 1] when the point is outside.
-  Point bary(Point q) const { return {cross(p[0], q, p[2]) / det, cross(p[0], p[1], q) / det}; }
 };
 
 /// Less than this on the page (texels^2) is within the rounding of float coordinates: such a
 /// triangle counts as having no area.
 inline constexpr double kMinUvArea = 1e-9;
 
-/// The part of a triangle inside the square of texel (x, y).
-inline Polygon clip_to_texel(const UvTriangle& triangle, std::uint32_t x, std::uint32_t y) {
+/// The part of a polygon inside the square of texel (x, y).
+inline Polygon clip_to_texel(const Polygon& polygon, std::uint32_t x, std::uint32_t y) {
   Polygon a, b, unused;
-  split<Axis::kX>(triangle.polygon(), double(x), unused, a);
+  split<Axis::kX>(polygon, double(x), unused, a);
   split<Axis::kX>(a, double(x) + 1, b, unused);
   split<Axis::kY>(b, double(y), unused, a);
   split<Axis::kY>(a, double(y) + 1, b, unused);

@@ -1,4 +1,5 @@
 #include <array>
+#include <optional>
 
 #include "baker/atlas/band_sweep.h"
 #include "baker/atlas/sample_points.h"
@@ -68,25 +69,17 @@ Point first_moment(const Polygon& p) {
   return m;
 }
 
-bool constant_albedo(const Scene& scene, std::uint32_t triangle) {
-  const auto& v = scene.triangles[triangle];
-  return scene.material_of(triangle).base_texture.image < 0 &&
-         scene.colors[v[0]] == scene.colors[v[1]] && scene.colors[v[0]] == scene.colors[v[2]];
-}
-bool constant_emission(const Scene& scene, std::uint32_t triangle) {
-  return !is_emissive(scene, triangle) || scene.material_of(triangle).emission_texture.image < 0;
-}
-
-/// Mean of `value` over the points; evaluated once per triangle where it is constant on it.
+/// Mean over the points; evaluated once where it is constant on the points' triangle.
 template <class Constant, class Value>
-Rgb mean_over(const Scene& scene, std::span<const SamplePoint> points, Constant constant,
+Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
               Value value) {
   Rgb sum, last;
   std::uint32_t last_triangle = 0xffffffffu;
   for (const SamplePoint& p : points) {
     if (p.triangle != last_triangle) {
-      last = value(scene, p.triangle, p.bary());
-      last_triangle = constant(scene, p.triangle) ? p.triangle : 0xffffffffu;
+      const std::optional<Rgb> same = constant(setups[p.triangle]);
+      last = same ? *same : value(p);
+      last_triangle = same ? p.triangle : 0xffffffffu;
     }
     sum += last;
   }
@@ -95,10 +88,12 @@ Rgb mean_over(const Scene& scene, std::span<const SamplePoint> points, Constant 
 
 class Rasteriser {
  public:
-  Rasteriser(const Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
+  Rasteriser(const Scene& scene, const Atlas& atlas)
+      : scene_(scene), atlas_(atlas), setups_(scene, atlas) {}
 
   proto::Expected<TextureGroup> run(std::stop_token stop) {
     open_pages();
+    reserve();
     BandSweep sweep(atlas_);
     for (std::uint32_t i = 0; i < atlas_.page_count * sweep.bands(); ++i) {
       if (stop.stop_requested())
@@ -126,6 +121,28 @@ class Rasteriser {
     }
   }
 
+  /// Room for the most texels there can be. What stays unused is never touched, so costs no memory.
+  void reserve() {
+    const double page = double(atlas_.page_size) * double(atlas_.page_size);
+    double most = 0;
+    bool two_sided = false;
+    for (std::uint32_t t = 0; t < atlas_.triangles.size(); ++t) {
+      const UvTriangle uv(atlas_, t);
+      Interval xs, ys;
+      for (const Point p : uv.p) xs.add(p.x), ys.add(p.y);
+      const double width = xs.max - xs.min, height = ys.max - ys.min;
+      most += uv.area() + 2 * (width + height) + 4;  // texels inside, and along the edges
+      two_sided = two_sided || scene_.material_of(t).double_sided;
+    }
+    const double fronts = std::min(most, page * atlas_.page_count);
+    const auto n = std::size_t(two_sided ? 2 * fronts : fronts);
+    const auto room = [n](auto&... planes) { (planes.reserve(n), ...); };
+    TextureGroup& g = group_;
+    room(g.position, g.geometric_normal, g.shading_normal, g.albedo, g.emission, g.area_m2);
+    room(g.coverage, g.triangle, g.chart, g.page, g.x, g.y, g.back);
+    g.points.reserve(n * kPoints);
+  }
+
   void add_band(const BandSweep& sweep) {
     const auto& all = sweep.fragments();
     for (std::size_t begin = 0, end = 0; begin < all.size(); begin = end) {
@@ -135,11 +152,6 @@ class Rasteriser {
       const std::uint32_t y = sweep.band() * kBlock + (key >> 3 & 7);
       add_texel(sweep.page(), x, y, std::span(all).subspan(begin, end - begin));
     }
-  }
-
-  /// World area that stands behind an area on the page: the map of a triangle is affine.
-  double world_area(std::uint32_t triangle, double texels2) const {
-    return texels2 / UvTriangle(atlas_, triangle).area() * double(triangle_area(scene_, triangle));
   }
 
   /// The chart that covers most of the texel keeps it; what others cover becomes orphans.
@@ -162,7 +174,7 @@ class Rasteriser {
     }
     for (const ChartPiece& p : by_chart_) {
       if (p.chart == winner) continue;
-      orphans_.push_back({p.chart, page, x, y, true, world_area(p.triangle, p.area)});
+      orphans_.push_back({p.chart, page, x, y, true, p.area * setups_[p.triangle].m2_per_texel2});
     }
     return winner;
   }
@@ -195,23 +207,23 @@ class Rasteriser {
     Piece most;
     Point moment;
     for (const Piece& p : pieces_) {
-      area += world_area(p.triangle, p.area);
+      area += p.area * setups_[p.triangle].m2_per_texel2;
       covered += p.area;
       if (p.area > most.area || (p.area == most.area && p.triangle < most.triangle)) most = p;
       if (pieces_.size() == 1 && p.area == 1) continue;
-      const Point m = first_moment(clip_to_texel(UvTriangle(atlas_, p.triangle), x, y));
+      const Point m = first_moment(clip_to_texel(setups_[p.triangle].polygon(), x, y));
       moment.x += m.x, moment.y += m.y;
     }
-    const UvTriangle uv(atlas_, most.triangle);
+    const TriangleSetup& setup = setups_[most.triangle];
     Point at{double(x) + 0.5, double(y) + 0.5};
     if (most.area < 1) {
       const Point centroid{moment.x / covered, moment.y / covered};
-      const Polygon footprint = clip_to_texel(uv, x, y);
+      const Polygon footprint = clip_to_texel(setup.polygon(), x, y);
       at = footprint.n >= 3 ? closest_point(footprint, centroid) : centroid;
     }
-    const Bary bary = make_point(most.triangle, uv.bary(at)).bary();
+    const Bary bary = make_point(most.triangle, setup.bary(at)).bary();
     group_.position.push_back(position_at(scene_, most.triangle, bary));
-    group_.geometric_normal.push_back(geometric_normal(scene_, most.triangle));
+    group_.geometric_normal.push_back(setup.normal);
     group_.shading_normal.push_back(shading_normal(scene_, most.triangle, bary));
     group_.area_m2.push_back(float(area));
     group_.coverage.push_back(float(std::min(covered, 1.0)));
@@ -222,13 +234,24 @@ class Rasteriser {
     const std::size_t first = group_.points.size();
     group_.points.resize(first + kPoints);
     const std::span<SamplePoint> points(group_.points.data() + first, kPoints);
-    place_points(atlas_, page, x, y, pieces_, points);
-    const Rgb albedo = mean_over(scene_, points, constant_albedo, albedo_at);
+    place_points(setups_, page, x, y, pieces_, points);
+    const Rgb albedo = mean_over(
+        setups_, points,
+        [](const TriangleSetup& t) {
+          return t.constant_albedo ? std::optional(t.albedo) : std::nullopt;
+        },
+        [&](const SamplePoint& p) { return albedo_at(scene_, p.triangle, p.bary()); });
+    const Rgb emission = mean_over(
+        setups_, points,
+        [](const TriangleSetup& t) {
+          return t.constant_emission ? std::optional(t.emission) : std::nullopt;
+        },
+        [&](const SamplePoint& p) { return emission_at(scene_, p.triangle, p.bary()); });
     const Rgb capped{std::min(albedo.r, kMaxAlbedo), std::min(albedo.g, kMaxAlbedo),
                      std::min(albedo.b, kMaxAlbedo)};
     if (capped != albedo) ++group_.albedo_capped;
     group_.albedo.push_back(capped);
-    group_.emission.push_back(mean_over(scene_, points, constant_emission, emission_at));
+    group_.emission.push_back(emission);
   }
 
   void add_flat(std::uint32_t triangle) {
@@ -285,6 +308,7 @@ class Rasteriser {
   };
   const Scene& scene_;
   const Atlas& atlas_;
+  SetupCache setups_;
   TextureGroup group_;
   std::vector<Orphan> orphans_;
   std::vector<Piece> pieces_;         // of the texel at hand

@@ -58,12 +58,12 @@ Point clamp_bary(Point b) {
 }
 
 /// The square is covered: the net over the square, each point given to the triangle it lies in.
-void place_in_square(const Atlas& atlas, Point corner, std::span<const Piece> pieces,
+void place_in_square(SetupCache& setups, Point corner, std::span<const Piece> pieces,
                      const Point (&net)[kPoints], std::span<SamplePoint> points) {
   std::array<double, kPoints> best;
   best.fill(-INFINITY);
   for (const Piece& piece : pieces) {
-    const UvTriangle triangle(atlas, piece.triangle);
+    const TriangleSetup& triangle = setups[piece.triangle];
     for (int i = 0; i < kPoints; ++i) {
       const Point bary = triangle.bary({corner.x + net[i].x, corner.y + net[i].y});
       if (depth(bary) <= best[i]) continue;
@@ -83,7 +83,7 @@ Point point_in(Point a, Point b, Point c, double s, double t) {
 
 /// The square is covered in part: the footprint is a row of fan triangles laid end to end along
 /// their summed area; the net's x picks the place along the row, its y the place across.
-void place_along_area(const Atlas& atlas, std::uint32_t x, std::uint32_t y,
+void place_along_area(SetupCache& setups, std::uint32_t x, std::uint32_t y,
                       std::span<const Piece> pieces, const Point (&net)[kPoints],
                       std::span<SamplePoint> points) {
   double total = 0;
@@ -93,8 +93,8 @@ void place_along_area(const Atlas& atlas, std::uint32_t x, std::uint32_t y,
   double sum = 0;
   int next = 0;
   for (const Piece& piece : pieces) {
-    const UvTriangle triangle(atlas, piece.triangle);
-    const Polygon polygon = clip_to_texel(triangle, x, y);
+    const TriangleSetup& triangle = setups[piece.triangle];
+    const Polygon polygon = clip_to_texel(triangle.polygon(), x, y);
     const bool last_piece = &piece == &pieces.back();
     for (int k = 1; k + 1 < polygon.n; ++k) {
       const Point a = polygon.v[0], b = polygon.v[k], c = polygon.v[k + 1];
@@ -112,7 +112,7 @@ void place_along_area(const Atlas& atlas, std::uint32_t x, std::uint32_t y,
   }
   // Cutting out one texel rounds otherwise than cutting row by row: the last piece, next to
   // nothing, may be gone here.
-  const UvTriangle first(atlas, pieces.front().triangle);
+  const TriangleSetup& first = setups[pieces.front().triangle];
   for (; next < kPoints; ++next) {
     points[order[next]] = next > 0 ? points[order[next - 1]]
                                    : make_point(pieces.front().triangle,
@@ -129,16 +129,16 @@ SamplePoint make_point(std::uint32_t triangle, Point bary) {
   return {triangle, std::uint16_t(u), std::uint16_t(v)};
 }
 
-void place_points(const Atlas& atlas, std::uint32_t page, std::uint32_t x, std::uint32_t y,
+void place_points(SetupCache& setups, std::uint32_t page, std::uint32_t x, std::uint32_t y,
                   std::span<const Piece> pieces, std::span<SamplePoint> points) {
   Point net[kPoints];
   scrambled_net(mix(std::uint64_t(page) << 32 | std::uint64_t(y) << 16 | x), net);
   double covered = 0;
   for (const Piece& piece : pieces) covered += piece.area;
   if (covered > 1 - 1e-9) {
-    place_in_square(atlas, {double(x), double(y)}, pieces, net, points);
+    place_in_square(setups, {double(x), double(y)}, pieces, net, points);
   } else {
-    place_along_area(atlas, x, y, pieces, net, points);
+    place_along_area(setups, x, y, pieces, net, points);
   }
 }
 

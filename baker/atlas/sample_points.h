@@ -5,6 +5,7 @@
 
 #include "baker/atlas/clip.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/atlas/triangle_setup.h"
 
 namespace kiln::baker::atlas_detail {
 
@@ -19,7 +20,7 @@ struct Piece {
 /// progressive: each aligned run of 4 is itself stratified. The pattern is scrambled by
 /// (page, x, y), so that neighbours' errors are independent.
 /// Requires at least one piece, each of positive area.
-void place_points(const Atlas&, std::uint32_t page, std::uint32_t x, std::uint32_t y,
+void place_points(SetupCache&, std::uint32_t page, std::uint32_t x, std::uint32_t y,
                   std::span<const Piece>, std::span<SamplePoint> points);
 
 /// Rounds to the storage grid without leaving the triangle.

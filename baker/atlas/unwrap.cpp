@@ -9,8 +9,12 @@ namespace kiln::baker::atlas_detail {
 namespace {
 
 constexpr double kConeCosine = 0.766;    ///< cos 40 deg
+constexpr double kNotchCosine = 0.5;     ///< cos 60 deg
 constexpr double kSteepCosine = 0.4226;  ///< cos 65 deg
 constexpr std::uint32_t kGridCells = 4096;
+constexpr double kLeastFill = 0.35;    ///< of a chart's rectangle, below which it is halved ...
+constexpr double kWasteTexels = 1024;  ///< ... if it leaves at least this much empty
+constexpr int kMaxHalvings = 6;
 constexpr std::uint32_t kNone = Surface::kNone;
 
 }  // namespace
@@ -50,21 +54,42 @@ void Unwrapper::load(const Scene& scene, const Instance& instance) {
 }
 
 void Unwrapper::make_chart(std::uint32_t seed) {
-  grow(seed, false, limit_);
-  Vec3d axis = mean_normal(members_, normal_, area_);
-  if (!within(axis, kSteepCosine)) {  // the mean has wandered off from the first faces
-    grow(seed, true, limit_);
-    axis = normal_[seed];
-  }
-  if (members_.size() > 2 && covers_itself(axis)) {
-    grow_flat(seed, axis);
-    // Growing everything again for each sheet of a spiral would cost the square of their number.
-    limit_ = std::max<std::size_t>(2 * members_.size(), 16);
-  } else if (members_.size() >= limit_) {
-    limit_ *= 2;
+  const Vec3d axis = collect(seed);
+  ChartFrame frame = frame_for(axis);
+  for (int i = 0; i < kMaxHalvings && is_wasteful(frame, axis); ++i) {
+    halve(seed, frame);
+    limit_growth();
+    frame = frame_for(axis);
   }
   for (const std::uint32_t face : members_) chart_[face] = std::uint32_t(frames_.size());
-  frames_.push_back(frame_for(axis));
+  frames_.push_back(frame);
+}
+
+/// Fills members_ with as much as goes around the seed, in larger and larger steps while growth is
+/// limited; returns the chart's normal.
+Vec3d Unwrapper::collect(std::uint32_t seed) {
+  for (;;) {
+    grow(seed, false, limit_);
+    Vec3d axis = mean_normal(members_, normal_, area_);
+    if (!within(axis, kSteepCosine)) {  // the mean has wandered off from the first faces
+      grow(seed, true, limit_);
+      axis = normal_[seed];
+    }
+    const bool limited = members_.size() >= limit_ && limit_ < chart_.size();
+    if (members_.size() > 2 && covers_itself(axis)) {
+      grow_flat(seed, axis);
+      limit_growth();
+      return axis;
+    }
+    if (!limited || is_wasteful(frame_for(axis), axis)) return axis;
+    limit_ *= 4;
+  }
+}
+
+/// After a cut: growing all that was cut off again and again, for each sheet of a spiral, would
+/// cost the square of their number.
+void Unwrapper::limit_growth() {
+  limit_ = std::max<std::size_t>(8 * members_.size(), 256);
 }
 
 /// Collects members_ from the seed by best fit. With a fixed axis the seed's normal stays the
@@ -79,7 +104,7 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
     std::pop_heap(queue_.begin(), queue_.end());
     const std::uint32_t face = queue_.back().face;
     queue_.pop_back();
-    if (mark_[face] == growth_ || dot(normal_[face], axis) < kConeCosine) continue;
+    if (mark_[face] == growth_ || !fits(face, axis)) continue;
     mark_[face] = growth_;
     members_.push_back(face);
     if (!fixed_axis) {
@@ -89,11 +114,21 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
     for (const std::uint32_t next : surface_.neighbour[face]) {
       if (next == kNone || chart_[next] != kNone || mark_[next] == growth_) continue;
       const double cosine = dot(normal_[next], axis);
-      if (cosine < kConeCosine) continue;
+      if (cosine < kNotchCosine) continue;
       queue_.push_back({1 - cosine, next});
       std::push_heap(queue_.begin(), queue_.end());
     }
   }
+}
+
+/// Whether a face that touches the growing chart may join it.
+bool Unwrapper::fits(std::uint32_t face, const Vec3d& axis) const {
+  const double cosine = dot(normal_[face], axis);
+  if (cosine >= kConeCosine) return true;
+  if (cosine < kNotchCosine) return false;
+  const auto& near = surface_.neighbour[face];
+  return std::count_if(near.begin(), near.end(),
+                       [&](std::uint32_t n) { return n != kNone && mark_[n] == growth_; }) >= 2;
 }
 
 bool Unwrapper::within(const Vec3d& axis, double least_cosine) const {
@@ -152,6 +187,39 @@ void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
       if (found.shallow > 0 || found.deep_with != OverlapGrid::kNone) continue;
       mark_[next] = taken;
       grid_.add(triangle);
+      kept.push_back(next);
+    }
+  }
+  members_ = std::move(kept);
+}
+
+bool Unwrapper::is_wasteful(const ChartFrame& frame, const Vec3d& axis) const {
+  double area = 0;
+  for (const std::uint32_t face : members_) area += area_[face] * dot(normal_[face], axis);
+  const double box = frame.width * frame.height;
+  return area < kLeastFill * box && box - area > kWasteTexels * texel_m_ * texel_m_;
+}
+
+double Unwrapper::middle(std::uint32_t face, const ChartFrame& frame) const {
+  double sum = 0;
+  for (const std::uint32_t v : scene_->triangles[surface_.triangles[face]]) {
+    sum += frame.project(scene_->positions[v]).x;
+  }
+  return sum / 3;
+}
+
+/// Keeps what hangs together with the seed on its side of the rectangle's middle.
+void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
+  const std::uint32_t allowed = growth_;
+  const std::uint32_t taken = ++growth_;
+  const bool side = middle(seed, frame) < frame.width / 2;
+  std::vector<std::uint32_t> kept{seed};
+  mark_[seed] = taken;
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
+      if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
+      if ((middle(next, frame) < frame.width / 2) != side) continue;
+      mark_[next] = taken;
       kept.push_back(next);
     }
   }

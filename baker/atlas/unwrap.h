@@ -37,8 +37,10 @@ struct Unwrapped {
 
 /// Cuts surfaces into charts and lays each flat. Charts grow face by face from large faces, the
 /// face nearest to the chart's mean normal first, as long as it lies within a cone of 40 degrees
-/// around it. No face is projected at more than 65 degrees, so none is flipped; a chart that would
-/// cover itself (a spiral, an overhang) is cut where it does. Time is O(n log n).
+/// around it; up to 60 degrees where it fills a notch or a hole (two neighbours in the chart). A
+/// chart that would leave most of its rectangle empty, such as a ring, is halved. No face is
+/// projected at more than 65 degrees, so none is flipped; a chart that would cover itself (a
+/// spiral, an overhang) is cut where it does. Time is O(n log n).
 class Unwrapper {
  public:
   /// `texel_m`: the least side of a texel that the charts may end up with; overlaps of less than
@@ -58,9 +60,15 @@ class Unwrapper {
   };
   void load(const Scene&, const Instance&);
   void make_chart(std::uint32_t seed);
+  Vec3d collect(std::uint32_t seed);
   void grow(std::uint32_t seed, bool fixed_axis, std::size_t limit);
   bool within(const Vec3d& axis, double least_cosine) const;
+  bool fits(std::uint32_t face, const Vec3d& axis) const;
   bool covers_itself(const Vec3d& axis);
+  bool is_wasteful(const ChartFrame&, const Vec3d& axis) const;
+  void halve(std::uint32_t seed, const ChartFrame&);
+  double middle(std::uint32_t face, const ChartFrame&) const;
+  void limit_growth();
   void grow_flat(std::uint32_t seed, const Vec3d& axis);
   ChartFrame frame_for(const Vec3d& axis) const;
   OverlapGrid::Triangle on_grid(std::uint32_t face) const;

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <vector>
+
+#include "baker/atlas/clip.h"
+#include "baker/scene/scene.h"
+
+namespace kiln::baker::atlas_detail {
+
+/// What rasterising needs of a triangle again and again.
+struct TriangleSetup {
+  std::uint32_t triangle = 0xffffffffu;
+  bool constant_albedo = false, constant_emission = false;
+  Point p[3];                             ///< on the page, texels
+  double ux = 0, uy = 0, vx = 0, vy = 0;  ///< u and v grow by these per texel
+  double m2_per_texel2 = 0;  ///< world area behind an area on the page: the map is affine
+  Vec3 normal;               ///< geometric
+  Rgb albedo, emission;      ///< where constant
+
+  Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
+  /// Barycentric (u, v) of a page point; outside [0, 1] when the point is outside.
+  Point bary(Point q) const {
+    const double dx = q.x - p[0].x, dy = q.y - p[0].y;
+    return {dx * ux + dy * uy, dx * vx + dy * vy};
+  }
+};
+
+/// Keeps the set-ups of the triangles in use; neighbouring texels ask for the same ones.
+class SetupCache {
+ public:
+  SetupCache(const Scene& scene, const Atlas& atlas)
+      : scene_(scene), atlas_(atlas), slots_(kSlots) {}
+
+  /// Valid until the next call.
+  const TriangleSetup& operator[](std::uint32_t triangle) {
+    TriangleSetup& slot = slots_[triangle % kSlots];
+    if (slot.triangle != triangle) fill(slot, triangle);
+    return slot;
+  }
+
+ private:
+  static constexpr std::uint32_t kSlots = 4096;
+  void fill(TriangleSetup&, std::uint32_t triangle) const;
+
+  const Scene& scene_;
+  const Atlas& atlas_;
+  std::vector<TriangleSetup> slots_;
+};
+
+}  // namespace kiln::baker::atlas_detail
