@@ -1,8 +1,21 @@
 #include "baker/output/lit_page.h"
 
+#include <cmath>
+
 #include "baker/output/png.h"
 
 namespace kiln::baker {
+namespace {
+
+/// A threshold in [0, 1) for each texel and channel that fills the interval evenly over any small
+/// neighbourhood: the two-dimensional Kronecker sequence of the plastic number.
+float threshold(std::size_t x, std::size_t y, std::size_t channel) {
+  constexpr double kX = 0.7548776662466927, kY = 0.5698402909980532;
+  const double t = kX * double(x) + kY * double(y) + double(channel) / 3;
+  return float(t - std::floor(t));
+}
+
+}  // namespace
 
 proto::Expected<LitPage> encode_lit_page(const PageImage& image) {
   LitPage page;
@@ -13,9 +26,15 @@ proto::Expected<LitPage> encode_lit_page(const PageImage& image) {
   std::vector<std::uint8_t> samples;
   samples.reserve(image.rgb.size() * 3);
   const float to_code = 255 / page.scale;
-  for (const Rgb v : image.rgb)
-    for (const float e : {v.r, v.g, v.b})
-      samples.push_back(static_cast<std::uint8_t>(std::clamp(e * to_code + 0.5f, 0.f, 255.f)));
+  for (std::size_t i = 0; i < image.rgb.size(); ++i) {
+    const std::array<float, 3> e{image.rgb[i].r, image.rgb[i].g, image.rgb[i].b};
+    for (std::size_t c = 0; c < 3; ++c) {
+      // Two thousandths at both ends keep whole codes whole through the rounding of e * to_code.
+      const float code =
+          e[c] * to_code + 0.002f + 0.996f * threshold(i % image.width, i / image.width, c);
+      samples.push_back(static_cast<std::uint8_t>(std::clamp(code, 0.f, 255.f)));
+    }
+  }
   auto png = encode_png_bytes(samples, image.width, image.height, 3);
   if (!png) return proto::Unexpected(png.error());
   page.png = std::move(*png);

@@ -1,3 +1,6 @@
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+
 #include "baker/output/lit_page.h"
 #include "output/lit_scene.h"
 
@@ -15,6 +18,20 @@ std::string base64(const std::string& bytes) {
       v = v << 8 | (k < n ? static_cast<unsigned char>(bytes[i + k]) : 0);
     for (std::size_t k = 0; k < 4; ++k) out += k <= n ? kAlphabet[v >> (18 - 6 * k) & 63] : '=';
   }
+  return out;
+}
+
+/// Pixels of an 8-bit RGB PNG.
+std::vector<std::array<std::uint8_t, 3>> decode_png(const std::string& png) {
+  auto in = OIIO::ImageInput::create("png");
+  OIIO::Filesystem::IOMemReader bytes(const_cast<char*>(png.data()), png.size());
+  if (!in || !in->set_ioproxy(&bytes)) throw std::runtime_error("no PNG reader");
+  OIIO::ImageSpec spec;
+  if (!in->open("page.png", spec) || spec.nchannels != 3)
+    throw std::runtime_error("not such a PNG");
+  std::vector<std::array<std::uint8_t, 3>> out(std::size_t(spec.width) * std::size_t(spec.height));
+  if (!in->read_image(0, 0, 0, 3, OIIO::TypeDesc::UINT8, out.data()))
+    throw std::runtime_error("broken PNG");
   return out;
 }
 
@@ -49,7 +66,7 @@ TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
   const Json& image = lit.json["images"][int(lit.json["textures"][0]["source"])];
   EXPECT_EQ(lit.view(image["bufferView"]), lit_pages(1)[0].png);
   EXPECT_EQ(lit.json["asset"]["extras"]["lightkiln"]["pages"],
-            Json::parse(R"([{"scale": 50.0, "exposure": 0.5, "exr": "page.exr"}])"));
+            Json::parse(R"([{"texture": 0, "scale": 50.0, "exposure": 0.5, "exr": "page.exr"}])"));
 }
 
 TEST(LitDocument, EverythingElseIsKept) {
@@ -220,15 +237,34 @@ TEST(LitDocument, SameBytesTwice) {
   EXPECT_EQ(slurp(a.path / "lit.glb"), slurp(b.path / "lit.glb"));
 }
 
-TEST(LitPage, LinearCodesTimesScaleAreTheLight) {
-  const PageImage page{2, 1, {{100, 50, 0}, {25, 200, -1}}, {1, 1}};
+TEST(LitPage, WholeCodesAndTheMaximumAreExact) {
+  const PageImage page{2, 1, {{510, 20, 0}, {2, 510, -1}}, {1, 1}};
   const auto lit = encode_lit_page(page);
   ASSERT_TRUE(lit);
-  EXPECT_EQ(lit->scale, 200);
-  const std::vector<std::array<std::uint8_t, 3>> codes{{128, 64, 0}, {32, 255, 0}};
+  EXPECT_EQ(lit->scale, 510);
+  const std::vector<std::array<std::uint8_t, 3>> codes{{255, 10, 0}, {1, 255, 0}};
   EXPECT_EQ(lit->png, *encode_png(codes, 2, 1));
   const PageImage black{1, 1, {{}}, {1}};
   EXPECT_EQ(encode_lit_page(black)->scale, 1);
+}
+
+TEST(LitPage, BetweenCodesTheMeanIsKept) {
+  constexpr std::uint32_t kSide = 16;
+  PageImage page{kSide, kSide, std::vector<Rgb>(kSide * kSide, {0.3f, 1.5f, 0.8f}), {}};
+  page.rgb[0] = {255, 255, 255};  // code = lx
+  page.coverage.assign(page.rgb.size(), 1);
+  const auto lit = encode_lit_page(page);
+  ASSERT_TRUE(lit);
+  const auto image = decode_png(lit->png);
+  double sum[3] = {};
+  for (std::size_t i = 1; i < image.size(); ++i)
+    for (std::size_t c = 0; c < 3; ++c) {
+      EXPECT_LT(std::abs(image[i][c] - std::array{0.3, 1.5, 0.8}[c]), 1);
+      sum[c] += image[i][c];
+    }
+  // Even points in a 16 x 16 square miss a threshold by few: their discrepancy is about log(n)/n.
+  for (std::size_t c = 0; c < 3; ++c)
+    EXPECT_NEAR(sum[c] / (kSide * kSide - 1), (std::array{0.3, 1.5, 0.8}[c]), 0.04);
 }
 
 }  // namespace

@@ -76,10 +76,19 @@ class LitScene {
         node["mesh"] = document_.add("meshes", std::move(*mesh));
       extensions_of(node)["MX_lightmap"] = materials_.node_extension(atlas_.placements[i].page);
     }
+    describe_pages();
     return {};
   }
 
  private:
+  /// What loaders need beyond the extensions; left out where the source's extras are no object.
+  void describe_pages() {
+    Json& asset = document_.json()["asset"];
+    if (asset.contains("extras") && !asset["extras"].is_object()) return;
+    asset["extras"]["lightkiln"] = {{"version", LIGHTKILN_VERSION},
+                                    {"pages", materials_.describe_pages()}};
+  }
+
   bool is_lit(std::uint32_t instance, std::size_t primitive) const {
     const Instance& in = scene_.instances[instance];
     for (std::uint32_t p = in.first_part; p < in.first_part + in.part_count; ++p)
@@ -257,19 +266,6 @@ void list_extensions(Json& document) {
   used = std::move(kept);
 }
 
-/// What loaders need beyond the extensions; left out where the source's extras are no object.
-void describe_pages(Json& document, std::span<const LitPage> pages) {
-  Json& asset = document["asset"];
-  if (asset.contains("extras") && !asset["extras"].is_object()) return;
-  Json list = Json::array();
-  for (const LitPage& page : pages) {
-    Json entry = {{"scale", page.scale}, {"exposure", page.exposure}};
-    if (!page.exr.empty()) entry["exr"] = page.exr;
-    list.push_back(std::move(entry));
-  }
-  asset["extras"]["lightkiln"] = {{"version", LIGHTKILN_VERSION}, {"pages", std::move(list)}};
-}
-
 }  // namespace
 
 Expected<void> write_lit_glb(const std::filesystem::path& path, const SceneFiles& files,
@@ -279,7 +275,6 @@ Expected<void> write_lit_glb(const std::filesystem::path& path, const SceneFiles
   if (!document) return Unexpected(document.error());
   if (auto ok = LitScene(**document, scene, atlas, pages).build(); !ok) return ok;
   list_extensions((*document)->json());
-  describe_pages((*document)->json(), pages);
   return (*document)->write(path);
 }
 

@@ -77,4 +77,15 @@ Json LitMaterials::node_extension(std::uint32_t page) const {
           {"intensity", double(pages_.at(page).scale) / kRgbmRange}};
 }
 
+Json LitMaterials::describe_pages() const {
+  Json list = Json::array();
+  for (std::size_t i = 0; i < pages_.size(); ++i) {
+    Json page = {
+        {"texture", textures_[i]}, {"scale", pages_[i].scale}, {"exposure", pages_[i].exposure}};
+    if (!pages_[i].exr.empty()) page["exr"] = pages_[i].exr;
+    list.push_back(std::move(page));
+  }
+  return list;
+}
+
 }  // namespace kiln::baker

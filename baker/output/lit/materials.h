@@ -30,6 +30,9 @@ class LitMaterials {
   /// The MX_lightmap of a node on that page.
   Json node_extension(std::uint32_t page) const;
 
+  /// For asset.extras: of each page the texture, the scale, the exposure and the name of its EXR.
+  Json describe_pages() const;
+
  private:
   LitDocument& document_;
   std::vector<LitPage> pages_;  ///< without their PNG
