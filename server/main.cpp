@@ -1,1 +1,3 @@
-int main() { return 0; }
+#include "server/cli/commands.h"
+
+int main(int argc, char** argv) { return kiln::cli::run_program(argc, argv); }
