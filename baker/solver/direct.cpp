@@ -48,17 +48,18 @@ class ShadowBatch {
   explicit ShadowBatch(const RayScene& rays) : rays_(rays) {}
 
   void add(Vec3 origin, Vec3 direction, float distance, Rgb value) {
-    packet_.set(packet_.count, origin, direction, distance * kShadowReach);
-    value_[packet_.count++] = value;
-    if (packet_.count == 16) flush();
+    packet_.set(waiting_, origin, direction, distance * kShadowReach);
+    value_[waiting_++] = value;
+    if (waiting_ == 16) flush();
   }
   void flush() {
-    if (packet_.count == 0) return;
+    if (waiting_ == 0) return;
+    packet_.activate_first(waiting_);
     const std::uint32_t blocked = rays_.occluded(packet_);
-    for (std::uint32_t i = 0; i < packet_.count; ++i)
+    for (std::uint32_t i = 0; i < waiting_; ++i)
       if (!(blocked >> i & 1)) sum_ += value_[i];
-    traced_ += packet_.count;
-    packet_.count = 0;
+    traced_ += waiting_;
+    waiting_ = 0;
   }
   Rgb take_sum() {
     flush();
@@ -69,6 +70,7 @@ class ShadowBatch {
  private:
   const RayScene& rays_;
   RayPacket packet_;
+  std::uint32_t waiting_ = 0;
   Rgb value_[16];
   Rgb sum_;
   std::uint64_t traced_ = 0;

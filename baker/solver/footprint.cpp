@@ -1,5 +1,6 @@
 #include "baker/solver/footprint.h"
 
+#include "baker/solver/sampling.h"
 #include "baker/solver/sobol.h"
 
 namespace kiln::baker {
@@ -25,6 +26,22 @@ Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
     shading_normal[i] = back ? -ns : ns;
     origin[i] = in.rays.offset_origin(position[i], geometric_normal[i]);
   }
+}
+
+PointFrames Footprint::frames() const {
+  PointFrames f;
+  const auto put = [](float(&plane)[3][kPoints], std::uint32_t i, Vec3 v) {
+    plane[0][i] = v.x, plane[1][i] = v.y, plane[2][i] = v.z;
+  };
+  for (std::uint32_t i = 0; i < kPoints; ++i) {
+    const Frame frame(shading_normal[i]);
+    put(f.origin, i, origin[i]);
+    put(f.geometric_normal, i, geometric_normal[i]);
+    put(f.tangent_x, i, frame.x);
+    put(f.tangent_y, i, frame.y);
+    put(f.shading_normal, i, frame.z);
+  }
+  return f;
 }
 
 std::uint32_t texel_seed(const SolverInput& in, std::uint32_t texel, Purpose purpose) {

@@ -2,6 +2,7 @@
 
 #include <array>
 
+#include "baker/solver/simd/kernels.h"
 #include "baker/solver/solver.h"
 
 namespace kiln::baker {
@@ -14,6 +15,8 @@ struct Footprint {
   std::array<Vec3, kPoints> geometric_normal, shading_normal;  ///< unit
 
   Footprint(const SolverInput&, std::uint32_t texel);
+
+  PointFrames frames() const;
 };
 
 /// Key of all random numbers of one texel, for one purpose.

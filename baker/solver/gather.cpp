@@ -2,6 +2,7 @@
 
 #include <array>
 #include <bit>
+#include <cstring>
 #include <functional>
 #include <limits>
 #include <numeric>
@@ -9,15 +10,11 @@
 
 #include "baker/solver/direct.h"
 #include "baker/solver/footprint.h"
-#include "baker/solver/sampling.h"
 #include "baker/solver/sobol.h"
 
 namespace kiln::baker {
 namespace {
 
-/// What a remembered ray met, beside a texel.
-constexpr std::uint32_t kHitNothing = 0xffffffffu;
-constexpr std::uint32_t kHitSky = 0xfffffffeu;
 /// Fewest directions that feed the bounces before a final gather.
 constexpr std::uint32_t kMinFeedbackSamples = 16;
 /// Texels with less of their footprint in view than this borrow their neighbours' radiosity.
@@ -51,14 +48,20 @@ std::vector<std::uint32_t> cell_order(std::uint32_t count) {
 
 /// The directions of a gather, in the order in which they are traced.
 struct DirectionSet {
-  std::vector<SobolPoint> points;
+  std::vector<std::uint32_t> x, y;  ///< Sobol points, fractions of 2^32, padded to whole packets
+  std::uint32_t count = 0;
   bool coherent = false;
 
-  explicit DirectionSet(std::uint32_t count)
-      : coherent(std::has_single_bit(count) && count >= kCoherentSamples) {
-    for (std::uint32_t i : cell_order(count)) points.push_back(sobol(i));
+  explicit DirectionSet(std::uint32_t n)
+      : count(n), coherent(std::has_single_bit(n) && n >= kCoherentSamples) {
+    for (std::uint32_t i : cell_order(n)) {
+      x.push_back(sobol(i).x);
+      y.push_back(sobol(i).y);
+    }
+    x.resize((n + 15) / 16 * 16);
+    y.resize(x.size());
   }
-  std::uint32_t size() const { return static_cast<std::uint32_t>(points.size()); }
+  std::uint32_t size() const { return count; }
 };
 
 /// Rays that a point needs before it can be called hidden.
@@ -88,6 +91,12 @@ struct Repair {
   std::array<std::uint32_t, 8> neighbour{};
 };
 
+void set_plane(const float (&from)[3][16], float (&x)[16], float (&y)[16], float (&z)[16]) {
+  std::memcpy(x, from[0], sizeof x);
+  std::memcpy(y, from[1], sizeof y);
+  std::memcpy(z, from[2], sizeof z);
+}
+
 class GatherSolver final : public Solver {
  public:
   GatherSolver(const SolverInput& in, std::uint64_t hit_budget)
@@ -96,6 +105,7 @@ class GatherSolver final : public Solver {
         feedback_(feedback_samples(in, hit_budget)),
         full_(in.settings.samples),
         probe_(kProbeRays * Footprint::kPoints),
+        kernels_(kernels()),
         final_gather_(feedback_.size() < full_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
     if (needs_rays_) hits_.resize(std::size_t(in.texels.size()) * feedback_.size());
@@ -208,7 +218,7 @@ class GatherSolver final : public Solver {
   Rgb look_up(std::span<const std::uint32_t> hits) const {
     float sum[4] = {0, 0, 0, 0};
     for (const std::uint32_t h : hits) {
-      if (h >= kHitSky) continue;
+      if (h >= kHitSky) continue;  // or kHitNothing
       const Radiosity& b = radiosity_[h];
       sum[0] += b.r, sum[1] += b.g, sum[2] += b.b;
     }
@@ -246,6 +256,7 @@ class GatherSolver final : public Solver {
   const SolverInput in_;
   DirectLight direct_;
   DirectionSet feedback_, full_, probe_;
+  const Kernels& kernels_;
   bool final_gather_, needs_rays_;
   std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel
   std::vector<Repair> repairs_;
@@ -294,46 +305,44 @@ void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
 
 PointCensus GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
                                  std::span<std::uint32_t> hits) const {
-  const Footprint at(in_, texel);
-  const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather);
+  const PointFrames frames = Footprint(in_, texel).frames();
+  const TexelGrid grid = in_.lookup.grid();
+  const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather), seed_y = hash(seed);
+  PointCensus census;
   RayPacket rays;
   HitPacket met;
-  std::uint32_t lane_sample[16], lane_point[16];
-  PointCensus census;
+  Directions to;
+  alignas(64) std::uint32_t found[16];
+  alignas(64) float pick[16];
+  set_plane(frames.origin, rays.org_x, rays.org_y, rays.org_z);
+  std::fill_n(rays.t_far, 16, std::numeric_limits<float>::infinity());
   for (std::uint32_t first = 0; first < set.size(); first += 16) {
-    const std::uint32_t end = std::min(first + 16, set.size());
-    const std::uint32_t point_flip = hash(seed, first);
-    rays.count = 0;
-    for (std::uint32_t s = first; s < end; ++s) {
-      const std::uint32_t i = ((s - first) ^ point_flip) % Footprint::kPoints;
-      const Frame frame(at.shading_normal[i]);
-      const Vec3 d = frame.to_world(cosine_direction(scrambled(set.points[s], seed)));
-      hits[s] = kHitNothing;
-      if (dot(d, at.geometric_normal[i]) <= 0) continue;
-      lane_sample[rays.count] = s;
-      lane_point[rays.count] = i;
-      rays.set(rays.count++, at.origin[i], d, std::numeric_limits<float>::infinity());
-    }
-    if (rays.count == 0) continue;
+    // Lane i is point i of the footprint, with direction i ^ flip of the packet: which point goes
+    // with which direction differs from packet to packet.
+    const std::uint32_t key = hash(seed, first), flip = key % 16;
+    kernels_.directions(&set.x[first], &set.y[first], flip, seed, seed_y, frames, to);
+    set_plane(to.direction, rays.dir_x, rays.dir_y, rays.dir_z);
+    rays.active = 0;
+    for (std::uint32_t i = 0; i < 16; ++i)
+      rays.active |= std::uint32_t(to.above[i] > 0 && first + (i ^ flip) < set.size()) << i;
     in_.rays.closest(rays, met, set.coherent);
-    for (std::uint32_t lane = 0; lane < rays.count; ++lane) {
-      ++census.rays[lane_point[lane]];
-      std::uint32_t& hit = hits[lane_sample[lane]];
-      if (met.triangle[lane] == kNoHit) {
-        hit = kHitSky;
-        continue;
+    // Stratified over the packet, whose rays meet neighbouring texels when it is coherent.
+    const float jitter = to_unit(hash(key, 1));
+    for (std::uint32_t i = 0; i < 16; ++i)
+      pick[i] = (float(i ^ (key >> 4) % 16) + jitter) * (1.f / 16);
+    kernels_.look_up(grid, met.triangle, met.u, met.v, met.back, pick, found);
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      const std::uint32_t sample = first + (i ^ flip);
+      if (sample >= set.size()) continue;
+      const bool active = rays.active >> i & 1;
+      if (active && found[i] == kHitUnclear) {
+        const std::int32_t t =
+            in_.lookup.pick(met.triangle[i], {met.u[i], met.v[i]}, met.back[i] != 0, pick[i]);
+        found[i] = t != kNoTexel ? static_cast<std::uint32_t>(t) : kHitNothing;
       }
-      if (met.back[lane] && !in_.scene.material_of(met.triangle[lane]).double_sided) {
-        ++census.behind[lane_point[lane]];
-        continue;
-      }
-      // Stratified over the packet, whose rays meet neighbouring texels when it is coherent.
-      const float u =
-          (float((lane ^ point_flip >> 4) % 16) + to_unit(hash(seed, lane_sample[lane], 0x7a9u))) *
-          (1.f / 16);
-      const std::int32_t t =
-          in_.lookup.pick(met.triangle[lane], {met.u[lane], met.v[lane]}, met.back[lane], u);
-      if (t != kNoTexel) hit = static_cast<std::uint32_t>(t);
+      hits[sample] = active ? found[i] : kHitNothing;
+      census.rays[i] += active;
+      census.behind[i] += active && found[i] == kHitNothing && met.back[i];
     }
   }
   return census;

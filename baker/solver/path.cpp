@@ -68,20 +68,21 @@ class PathBundle {
 
   /// Traces the collected shadow rays and adds what arrives.
   void trace_shadows(Rgb& sum) {
-    if (packet_.count == 0) return;
+    if (waiting_ == 0) return;
+    packet_.activate_first(waiting_);
     const std::uint32_t blocked = in_.rays.occluded(packet_);
-    for (std::uint32_t i = 0; i < packet_.count; ++i)
+    for (std::uint32_t i = 0; i < waiting_; ++i)
       if (!(blocked >> i & 1)) sum += value_[i];
-    traced_ += packet_.count;
-    packet_.count = 0;
+    traced_ += waiting_;
+    waiting_ = 0;
   }
 
   void add_shadow_ray(const Vertex& v, Vec3 direction, float distance, Rgb irradiance) {
     if (dot(v.geometric_normal, direction) <= 0) return;
     const Rgb value = v.throughput * irradiance * std::max(0.f, dot(v.shading_normal, direction));
     if (is_black(value)) return;
-    value_[packet_.count] = value;
-    packet_.set(packet_.count++, v.origin, direction, distance * kShadowReach);
+    value_[waiting_] = value;
+    packet_.set(waiting_++, v.origin, direction, distance * kShadowReach);
   }
 
   void add_area_light(std::uint32_t bounce, Rgb& sum) {
@@ -122,13 +123,12 @@ class PathBundle {
       packet_.set(kept, v.origin, d, std::numeric_limits<float>::infinity());
       alive_[kept++] = v;
     }
-    packet_.count = kept;
+    packet_.activate_first(kept);
     alive_.resize(kept);
     if (kept == 0) return;
     HitPacket met;
     in_.rays.closest(packet_, met);
     traced_ += kept;
-    packet_.count = 0;
     std::vector<Vertex>& paths = alive_;
     std::uint32_t going = 0;
     for (std::uint32_t i = 0; i < kept; ++i) {
@@ -166,6 +166,7 @@ class PathBundle {
   const std::uint32_t seed_;
   std::vector<Vertex> alive_;
   RayPacket packet_;
+  std::uint32_t waiting_ = 0;  ///< shadow rays in the packet
   Rgb value_[16];
   std::uint64_t traced_ = 0, behind_ = 0;
 };

@@ -13,7 +13,37 @@ std::int32_t texel_at(const TextureGroup::Page& page, int x, int y) {
 }  // namespace
 
 TexelLookup::TexelLookup(const Scene& scene, const Atlas& atlas, const TextureGroup& texels)
-    : scene_(scene), atlas_(atlas), texels_(texels) {}
+    : scene_(scene), atlas_(atlas), texels_(texels) {
+  fill_grid();
+}
+
+void TexelLookup::fill_grid() {
+  constexpr float kFull = 0.999f;
+  width_ = std::int32_t(atlas_.page_size);
+  for (const TextureGroup::Page& page : texels_.pages)
+    cells_.insert(cells_.end(), page.texel_at.begin(), page.texel_at.end());
+  const auto full = [&](std::int32_t cell, std::uint32_t chart) {
+    const std::int32_t t = cell & (TexelGrid::kWhole - 1);
+    return cell != kNoTexel && texels_.chart[t] == chart && texels_.coverage[t] > kFull;
+  };
+  const std::int32_t per_page = width_ * width_;
+  for (std::int32_t c = 0; c < std::int32_t(cells_.size()); ++c) {
+    const std::int32_t x = c % width_, y = c % per_page / width_;
+    if (cells_[c] == kNoTexel || x + 1 >= width_ || y + 1 >= width_) continue;
+    const std::uint32_t chart = texels_.chart[cells_[c]];
+    if (full(cells_[c], chart) && full(cells_[c + 1], chart) && full(cells_[c + width_], chart) &&
+        full(cells_[c + width_ + 1], chart))
+      cells_[c] |= TexelGrid::kWhole;
+  }
+  for (std::uint32_t t = 0; t < scene_.triangles.size(); ++t) {
+    const auto& v = atlas_.triangles[t];
+    const Vec2 p = atlas_.vertices[v[0]].uv, e1 = atlas_.vertices[v[1]].uv - p,
+               e2 = atlas_.vertices[v[2]].uv - p;
+    triangle_uv_.insert(triangle_uv_.end(), {p.x, p.y, e1.x, e1.y, e2.x, e2.y, 0, 0});
+    triangle_page_.push_back(std::int32_t(atlas_.page_of(t)) * per_page);
+    triangle_page_.push_back(scene_.material_of(t).double_sided);
+  }
+}
 
 std::int32_t TexelLookup::pick(std::uint32_t triangle, Bary bary, bool back, float u) const {
   const bool double_sided = scene_.material_of(triangle).double_sided;

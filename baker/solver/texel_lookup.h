@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/scene/scene.h"
+#include "baker/solver/simd/kernels.h"
 
 namespace kiln::baker {
 
@@ -21,12 +23,23 @@ class TexelLookup {
   /// no texel near the point belongs to the surface, or the surface is one-sided and `back` is set.
   std::int32_t pick(std::uint32_t triangle, Bary, bool back, float u) const;
 
+  /// The same for the common case, sixteen at a time: for LookupKernel.
+  TexelGrid grid() const {
+    return {cells_.data(), triangle_uv_.data(), triangle_page_.data(), width_};
+  }
+
  private:
+  void fill_grid();
+
   std::int32_t nearest(const TextureGroup::Page&, std::uint32_t chart, Vec2 uv) const;
 
   const Scene& scene_;
   const Atlas& atlas_;
   const TextureGroup& texels_;
+  std::vector<std::int32_t> cells_;          ///< see TexelGrid
+  std::vector<float> triangle_uv_;           ///< see TexelGrid
+  std::vector<std::int32_t> triangle_page_;  ///< see TexelGrid
+  std::int32_t width_ = 0;
 };
 
 }  // namespace kiln::baker

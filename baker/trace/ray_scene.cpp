@@ -18,8 +18,8 @@ bool keep_building(void* stop, double) {
 
 struct LaneMask {
   alignas(64) std::int32_t lane[16];
-  explicit LaneMask(std::uint32_t count) {
-    for (std::uint32_t i = 0; i < 16; ++i) lane[i] = i < count ? -1 : 0;
+  explicit LaneMask(std::uint32_t active) {
+    for (std::uint32_t i = 0; i < 16; ++i) lane[i] = -std::int32_t(active >> i & 1);
   }
 };
 
@@ -117,12 +117,12 @@ void RayScene::closest(const RayPacket& rays, HitPacket& hits, bool coherent) co
   load_rays(rays, query.ray);
   std::memset(query.hit.geomID, 0xff, sizeof query.hit.geomID);
   std::memset(query.hit.instID, 0xff, sizeof query.hit.instID);
-  const LaneMask valid(rays.count);
+  const LaneMask valid(rays.active);
   RTCIntersectContext context = make_context(coherent);
   rtcIntersect16(valid.lane, impl_->scene, &context, &query);
   for (std::uint32_t i = 0; i < 16; ++i) {
-    const bool hit = query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
-    hits.triangle[i] = hit ? query.hit.primID[i] : kNoHit;
+    // There is one geometry, so its number is either 0 or RTC_INVALID_GEOMETRY_ID, all ones.
+    hits.triangle[i] = query.hit.geomID[i] == 0 ? query.hit.primID[i] : kNoHit;
     hits.u[i] = query.hit.u[i];
     hits.v[i] = query.hit.v[i];
     hits.t[i] = query.ray.tfar[i];
@@ -136,13 +136,12 @@ void RayScene::closest(const RayPacket& rays, HitPacket& hits, bool coherent) co
 std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   RTCRay16 query;
   load_rays(rays, query);
-  const LaneMask valid(rays.count);
+  const LaneMask valid(rays.active);
   RTCIntersectContext context = make_context(coherent);
   rtcOccluded16(valid.lane, impl_->scene, &context, &query);
   std::uint32_t blocked = 0;
-  for (std::uint32_t i = 0; i < rays.count; ++i)
-    if (query.tfar[i] < 0) blocked |= 1u << i;
-  return blocked;
+  for (std::uint32_t i = 0; i < 16; ++i) blocked |= std::uint32_t(query.tfar[i] < 0) << i;
+  return blocked & rays.active;
 }
 
 Vec3 RayScene::offset_origin(Vec3 position, Vec3 geometric_normal) const {

@@ -11,20 +11,21 @@ namespace kiln::baker {
 
 inline constexpr std::uint32_t kNoHit = 0xffffffffu;
 
-/// Sixteen rays, structure of arrays; only the first `count` are traced.
+/// Sixteen rays, structure of arrays.
 struct alignas(64) RayPacket {
   float org_x[16], org_y[16], org_z[16];
   float dir_x[16], dir_y[16], dir_z[16];
   float t_far[16];
-  std::uint32_t count = 0;
+  std::uint32_t active = 0;  ///< bit i: ray i is traced
 
+  void activate_first(std::uint32_t count) { active = (1u << count) - 1; }
   void set(std::uint32_t i, Vec3 origin, Vec3 direction, float far);
 };
 
 struct alignas(64) HitPacket {
   std::uint32_t triangle[16];  ///< kNoHit: none
   float u[16], v[16], t[16];
-  bool back[16];  ///< met from behind
+  std::uint32_t back[16];  ///< 1: met from behind
 };
 
 /// The scene's triangles under an Embree BVH. Immutable; callable from many threads.
@@ -35,7 +36,8 @@ class RayScene {
   RayScene& operator=(RayScene&&) noexcept;
   ~RayScene();
 
-  /// Closest hits. `coherent` is a promise about the packet, for speed only.
+  /// Closest hits; lanes that are not active have none. `coherent` is a promise about the packet,
+  /// for speed only.
   void closest(const RayPacket&, HitPacket&, bool coherent = false) const;
   /// Bit i is set when anything, seen from either side, lies on ray i before t_far.
   std::uint32_t occluded(const RayPacket&, bool coherent = false) const;

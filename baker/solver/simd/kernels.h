@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstdint>
+
+/// The inner loops of sampling, sixteen lanes at a time, compiled once per instruction set and
+/// chosen at run time. All arithmetic is IEEE single precision without contraction, so every
+/// version gives the same bits.
+namespace kiln::baker {
+
+/// Sixteen footprint points: origins and shading frames, structure of arrays. Lane = point.
+struct alignas(64) PointFrames {
+  float origin[3][16];
+  float geometric_normal[3][16];
+  float tangent_x[3][16], tangent_y[3][16], shading_normal[3][16];
+};
+
+struct alignas(64) Directions {
+  float direction[3][16];  ///< unit
+  float above[16];         ///< cosine to the geometric normal
+};
+
+/// Cosine-distributed directions about each lane's shading normal. Lane i takes the Sobol point
+/// number i ^ flip of `x`, `y` (fractions of 2^32), Owen-scrambled by the two seeds.
+using DirectionKernel = void (*)(const std::uint32_t* x, const std::uint32_t* y, std::uint32_t flip,
+                                 std::uint32_t seed_x, std::uint32_t seed_y, const PointFrames&,
+                                 Directions&);
+
+/// The maps from triangles to pages and from pages to texels, as the look-up kernel reads them.
+struct TexelGrid {
+  static constexpr std::int32_t kWhole = 1 << 30;
+
+  /// All pages in one row, row by row: index of the texel, -1 where there is none. kWhole is added
+  /// where the block of the texel with its right, lower and diagonal neighbours is covered wholly
+  /// by one chart.
+  const std::int32_t* cells = nullptr;
+  /// 8 per triangle: u, v of the first corner in texels, du, dv to the second, du, dv to the third.
+  const float* triangle_uv = nullptr;
+  /// 2 per triangle: offset of its page in `cells`, and 1 when its material is double-sided.
+  const std::int32_t* triangle_page = nullptr;
+  std::int32_t width = 0;  ///< of every page
+};
+
+/// What look-ups find beside a texel.
+inline constexpr std::uint32_t kHitNothing = 0xffffffffu;  ///< a one-sided surface's back
+inline constexpr std::uint32_t kHitSky = 0xfffffffeu;
+inline constexpr std::uint32_t kHitUnclear = 0xfffffffdu;  ///< for TexelLookup::pick to decide
+
+/// From sixteen hits to the texels that hold their light: one of the four around each, picked with
+/// its bilinear weight by `u` in [0,1). Lanes with `triangle` 0xffffffff become kHitSky.
+/// @param back non-zero where the hit was met from behind
+using LookupKernel = void (*)(const TexelGrid&, const std::uint32_t* triangle, const float* bary_u,
+                              const float* bary_v, const std::uint32_t* back, const float* u,
+                              std::uint32_t* hit);
+
+struct Kernels {
+  const char* name;
+  DirectionKernel directions;
+  LookupKernel look_up;
+};
+
+enum class InstructionSet { kSse2, kAvx2, kAvx512 };
+
+/// The best version that this machine runs. Thread-safe.
+const Kernels& kernels();
+/// A given version; the machine must have it (see best_instruction_set()).
+const Kernels& kernels(InstructionSet);
+InstructionSet best_instruction_set();
+
+}  // namespace kiln::baker

@@ -1,0 +1,109 @@
+// Included once per instruction set, with KILN_KERNELS naming the table to define. Nothing with
+// external linkage may be called from here, inline or not: the linker keeps one copy of an inline
+// function, and that copy must not be the one compiled for a newer machine.
+
+#include "baker/solver/simd/kernels.h"
+
+namespace kiln::baker {
+namespace {
+
+constexpr int kLanes = 16;
+
+[[gnu::always_inline]] inline std::uint32_t reverse(std::uint32_t x) {
+  x = (x << 16) | (x >> 16);
+  x = ((x & 0x00ff00ffu) << 8) | ((x & 0xff00ff00u) >> 8);
+  x = ((x & 0x0f0f0f0fu) << 4) | ((x & 0xf0f0f0f0u) >> 4);
+  x = ((x & 0x33333333u) << 2) | ((x & 0xccccccccu) >> 2);
+  return ((x & 0x55555555u) << 1) | ((x & 0xaaaaaaaau) >> 1);
+}
+
+/// owen_scramble() of sobol.h.
+[[gnu::always_inline]] inline std::uint32_t scramble(std::uint32_t fraction, std::uint32_t seed) {
+  std::uint32_t x = reverse(fraction);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse(x);
+}
+
+[[gnu::always_inline]] inline float unit(std::uint32_t fraction) {
+  return float(std::int32_t(fraction >> 8)) * 0x1p-24f;
+}
+
+[[gnu::always_inline]] inline float magnitude(float x) { return x < 0 ? -x : x; }
+
+void directions(const std::uint32_t* __restrict x, const std::uint32_t* __restrict y,
+                std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
+                const PointFrames& frames, Directions& out) {
+  alignas(64) std::uint32_t px[kLanes], py[kLanes];
+  for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
+  for (int i = 0; i < kLanes; ++i) {
+    // Concentric map of the square to the disk, then up to the hemisphere. Its angle stays within
+    // an eighth of a turn, where short Taylor series are exact to the last bit or two.
+    const float a = 2 * unit(scramble(px[i], seed_x)) - 1;
+    const float b = 2 * unit(scramble(py[i], seed_y)) - 1;
+    const bool wide = magnitude(a) > magnitude(b);
+    const float r = wide ? a : b, other = wide ? b : a;
+    const float angle = 0.78539816339744831f * (other / (r == 0 ? 1.f : r));
+    const float q = angle * angle;
+    const float sine =
+        angle * (1 + q * (-1.6666667e-1f + q * (8.3333333e-3f + q * (-1.9841270e-4f + q * 2.7557319e-6f))));
+    const float cosine =
+        1 + q * (-0.5f + q * (4.1666667e-2f + q * (-1.3888889e-3f + q * (2.4801587e-5f - q * 2.7557319e-7f))));
+    const float dx = r * (wide ? cosine : sine), dy = r * (wide ? sine : cosine);
+    const float rest = 1 - r * r;
+    const float dz = __builtin_sqrtf(rest > 0 ? rest : 0.f);
+    float above = 0;
+    for (int k = 0; k < 3; ++k) {
+      const float d = frames.tangent_x[k][i] * dx + frames.tangent_y[k][i] * dy +
+                      frames.shading_normal[k][i] * dz;
+      out.direction[k][i] = d;
+      above += d * frames.geometric_normal[k][i];
+    }
+    out.above[i] = above;
+  }
+}
+
+void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
+             const float* __restrict bary_u, const float* __restrict bary_v,
+             const std::uint32_t* __restrict back, const float* __restrict u,
+             std::uint32_t* __restrict hit) {
+  const float* __restrict uv = grid.triangle_uv;
+  const std::int32_t* __restrict page = grid.triangle_page;
+  const std::int32_t* __restrict cells = grid.cells;
+  const std::int32_t width = grid.width;
+  const float last = float(width - 2);
+  alignas(64) std::int32_t index[kLanes];
+  for (int i = 0; i < kLanes; ++i)
+    index[i] = triangle[i] != 0xffffffffu ? std::int32_t(triangle[i]) : 0;
+  for (int i = 0; i < kLanes; ++i) {
+    const bool met = triangle[i] != 0xffffffffu;
+    const std::int32_t t = index[i];
+    const float x = uv[8 * t] + bary_u[i] * uv[8 * t + 2] + bary_v[i] * uv[8 * t + 4] - 0.5f;
+    const float y = uv[8 * t + 1] + bary_u[i] * uv[8 * t + 3] + bary_v[i] * uv[8 * t + 5] - 0.5f;
+    // Blocks across the rim are never whole, so clamping only keeps reads in bounds.
+    const float cx = x < 0 ? 0 : x > last ? last : x, cy = y < 0 ? 0 : y > last ? last : y;
+    const std::int32_t ix = std::int32_t(cx), iy = std::int32_t(cy);
+    const float fx = x - float(ix), fy = y - float(iy);
+    const bool right = u[i] < fx;
+    const float left_over = (right ? u[i] : u[i] - fx) / (right ? fx : 1 - fx);
+    const bool down = left_over < fy;
+    const std::int32_t corner = page[2 * t] + iy * width + ix;
+    const std::int32_t cell = cells[corner];
+    const std::int32_t tap = cells[corner + (down ? width : 0) + (right ? 1 : 0)];
+    const bool double_sided = page[2 * t + 1] != 0, behind = back[i] != 0;
+    const bool inside = (fx >= 0) & (fx <= 1) & (fy >= 0) & (fy <= 1);
+    const bool clear = (cell >= TexelGrid::kWhole) & inside & !(behind & double_sided);
+    std::uint32_t h = clear ? std::uint32_t(tap & (TexelGrid::kWhole - 1)) : kHitUnclear;
+    h = behind & !double_sided ? kHitNothing : h;
+    hit[i] = met ? h : kHitSky;
+  }
+}
+
+}  // namespace
+
+extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions, look_up};
+
+}  // namespace kiln::baker

@@ -1,0 +1,135 @@
+#include "baker/solver/simd/kernels.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <vector>
+
+#include "baker/solver/sampling.h"
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker {
+namespace {
+
+std::vector<InstructionSet> available() {
+  std::vector<InstructionSet> sets{InstructionSet::kSse2};
+  if (best_instruction_set() >= InstructionSet::kAvx2) sets.push_back(InstructionSet::kAvx2);
+  if (best_instruction_set() >= InstructionSet::kAvx512) sets.push_back(InstructionSet::kAvx512);
+  return sets;
+}
+
+PointFrames frames_about(Vec3 normal, Vec3 geometric) {
+  PointFrames f{};
+  const Frame frame(normal);
+  for (int i = 0; i < 16; ++i)
+    for (int k = 0; k < 3; ++k) {
+      f.tangent_x[k][i] = frame.x[k];
+      f.tangent_y[k][i] = frame.y[k];
+      f.shading_normal[k][i] = normal[k];
+      f.geometric_normal[k][i] = geometric[k];
+    }
+  return f;
+}
+
+struct SobolPacket {
+  std::uint32_t x[16], y[16];
+  explicit SobolPacket(std::uint32_t first) {
+    for (std::uint32_t i = 0; i < 16; ++i) x[i] = sobol(first + i).x, y[i] = sobol(first + i).y;
+  }
+};
+
+// The kernel's polynomials against the library's functions, lane by lane.
+TEST(Kernels, DirectionsAreTheConcentricMap) {
+  const Vec3 normal = normalize(Vec3{0.3f, -0.5f, 0.8f}), up{0, 0, 1};
+  const PointFrames frames = frames_about(normal, up);
+  for (std::uint32_t first = 0; first < 4096; first += 16)
+    for (const std::uint32_t flip : {0u, 5u, 15u}) {
+      const SobolPacket packet(first);
+      const std::uint32_t seed = hash(first, flip), seed_y = hash(seed);
+      Directions d;
+      kernels().directions(packet.x, packet.y, flip, seed, seed_y, frames, d);
+      for (std::uint32_t i = 0; i < 16; ++i) {
+        const Vec3 expected = Frame(normal).to_world(
+            cosine_direction(scrambled({packet.x[i ^ flip], packet.y[i ^ flip]}, seed)));
+        for (int k = 0; k < 3; ++k) ASSERT_NEAR(d.direction[k][i], expected[k], 2e-6f);
+        ASSERT_NEAR(d.above[i], dot(expected, up), 2e-6f);
+      }
+    }
+}
+
+TEST(Kernels, EveryInstructionSetGivesTheSameBits) {
+  const PointFrames frames =
+      frames_about(normalize(Vec3{-0.6f, 0.1f, 0.4f}), normalize(Vec3{-0.5f, 0.2f, 0.4f}));
+  const SobolPacket packet(112);
+  Directions reference;
+  kernels(InstructionSet::kSse2).directions(packet.x, packet.y, 9, 123, 456, frames, reference);
+  for (const InstructionSet set : available()) {
+    Directions d;
+    kernels(set).directions(packet.x, packet.y, 9, 123, 456, frames, d);
+    EXPECT_EQ(std::memcmp(&d, &reference, sizeof d), 0) << kernels(set).name;
+  }
+}
+
+/// A page of 8 x 8 texels, all of one chart but the last row and column, and one triangle over it.
+struct SmallPage {
+  std::vector<std::int32_t> cells = std::vector<std::int32_t>(64);
+  float uv[8] = {0, 0, 8, 0, 0, 8, 0, 0};
+  std::int32_t page[2] = {0, 0};
+  SmallPage() {
+    for (int c = 0; c < 64; ++c) cells[c] = c | (c % 8 < 7 && c / 8 < 7 ? TexelGrid::kWhole : 0);
+  }
+  TexelGrid grid() const { return {cells.data(), uv, page, 8}; }
+};
+
+// Over many u, the four texels around a point come up with their bilinear weights.
+TEST(Kernels, LookUpPicksByBilinearWeight) {
+  const SmallPage page;
+  for (const InstructionSet set : available()) {
+    int counts[64] = {};
+    constexpr int kRounds = 256;
+    for (int round = 0; round < kRounds; ++round) {
+      std::uint32_t triangle[16] = {}, back[16] = {}, hit[16];
+      float bu[16], bv[16], u[16];
+      for (int i = 0; i < 16; ++i) {
+        bu[i] = 3.75f / 8, bv[i] = 2.9f / 8;  // fx = 0.25, fy = 0.4 in the block at (3, 2)
+        u[i] = (float(round * 16 + i) + 0.5f) / (kRounds * 16);
+      }
+      kernels(set).look_up(page.grid(), triangle, bu, bv, back, u, hit);
+      for (int i = 0; i < 16; ++i) {
+        ASSERT_LT(hit[i], 64u);
+        ++counts[hit[i]];
+      }
+    }
+    const double n = kRounds * 16;
+    EXPECT_NEAR(counts[2 * 8 + 3] / n, 0.75 * 0.6, 2e-3);
+    EXPECT_NEAR(counts[2 * 8 + 4] / n, 0.25 * 0.6, 2e-3);
+    EXPECT_NEAR(counts[3 * 8 + 3] / n, 0.75 * 0.4, 2e-3);
+    EXPECT_NEAR(counts[3 * 8 + 4] / n, 0.25 * 0.4, 2e-3);
+  }
+}
+
+TEST(Kernels, LookUpTellsSkyBacksAndRims) {
+  SmallPage page;
+  const std::uint32_t triangle[16] = {0xffffffffu};
+  std::uint32_t back[16] = {}, hit[16];
+  float bu[16] = {}, bv[16] = {};
+  const float u[16] = {};
+  back[1] = 1;
+  bu[2] = 7.8f / 8;  // the last column has no right neighbour
+  bu[3] = bv[3] = 3.0f / 8;
+  bu[4] = -0.01f;  // outside the page
+  for (const InstructionSet set : available()) {
+    kernels(set).look_up(page.grid(), triangle, bu, bv, back, u, hit);
+    EXPECT_EQ(hit[0], kHitSky);
+    EXPECT_EQ(hit[1], kHitNothing);
+    EXPECT_EQ(hit[2], kHitUnclear);
+    EXPECT_LT(hit[3], 64u);
+    EXPECT_EQ(hit[4], kHitUnclear);
+  }
+  page.page[1] = 1;  // double-sided: the back's own texel is not the kernel's to find
+  kernels().look_up(page.grid(), triangle, bu, bv, back, u, hit);
+  EXPECT_EQ(hit[1], kHitUnclear);
+}
+
+}  // namespace
+}  // namespace kiln::baker
