@@ -68,8 +68,12 @@ void print_summary(const BakeFlags& flags, const proto::Manifest& manifest) {
   }
   if (flags.quiet) return;
   const std::filesystem::path dir(flags.out);
-  for (const auto& file : manifest.files) std::puts((dir / file.name).c_str());
-  std::puts((dir / "manifest.json").c_str());
+  bool listed = false;  // A manifest can't hold its own digest, so its list may leave itself out.
+  for (const auto& file : manifest.files) {
+    std::puts((dir / file.name).c_str());
+    listed |= file.name == "manifest.json";
+  }
+  if (!listed) std::puts((dir / "manifest.json").c_str());
 }
 
 int run_bake(const BakeFlags& flags) {
@@ -108,6 +112,7 @@ void add_bake(CLI::App& app, Run& run) {
   flags->settings.add_flags(*command);
   command->add_option("--threads", flags->threads, "Threads that bake; 0: one per processor")
       ->check(CLI::Range(0u, 1024u))
+      ->type_name("N")
       ->envname("LIGHTKILN_THREADS")
       ->capture_default_str();
   command->add_flag("-q,--quiet", flags->quiet, "Say nothing but errors");
