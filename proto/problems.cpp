@@ -17,6 +17,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"invalid_image", 422, "An image can't be read"},
       {"invalid_json", 400, "The JSON can't be read"},
       {"invalid_lightmap_uv", 422, "The scene's lightmap coordinates can't be used"},
+      {"invalid_request", 422, "The request has a part that does not belong"},
       {"invalid_scene", 422, "The scene is not valid glTF"},
       {"invalid_settings", 422, "The settings are not valid"},
       {"io_error", 500, "A file can't be read or written"},
@@ -31,6 +32,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"not_found", 404, "There is nothing here"},
       {"nothing_to_bake", 422, "The scene has no surface to bake"},
       {"out_of_memory", 500, "The job needed more memory than there is"},
+      {"overloaded", 503, "The service has too much to do"},
       {"payload_too_large", 413, "The request's body is too large"},
       {"precondition_failed", 412, "A condition of the request does not hold"},
       {"queue_full", 503, "The queue is full"},
@@ -42,6 +44,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"unsupported_extension", 422, "The scene requires an extension that is not supported"},
       {"unsupported_media_type", 415, "The media type is not supported"},
       {"uri_too_long", 414, "The request's path or query is too long"},
+      {"worker_lost", 500, "The service ended while it ran the job"},
   };
   return kinds;
 }

@@ -4,9 +4,10 @@
 
 namespace kiln::server {
 
-/// Runs the service until SIGTERM or SIGINT, then drains: no new jobs, running requests and the
-/// passes under way are finished or checkpointed. Returns the process's exit code: 0 drained,
-/// 1 could not start (reason on stderr).
+/// Runs the service until SIGTERM or SIGINT, then drains: no new jobs; running jobs get
+/// `drain_seconds` to finish, then go back to the queue for the next start; running requests are
+/// answered, event streams end. A second signal stops at once. Returns the process's exit code:
+/// 0 drained, 1 could not start (reason on stderr), 2 forced.
 int serve(const ServerConfig&);
 
 }  // namespace kiln::server

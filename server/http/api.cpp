@@ -1,0 +1,113 @@
+#include "server/http/api.h"
+
+#include <algorithm>
+#include <charconv>
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
+#include "server/http/problem.h"
+#include "server/jobs/ids.h"
+
+namespace kiln::server {
+
+Api::Api(const ServerConfig& config, const DataFolder& data, const SceneStore& scenes,
+         JobService& jobs, CheckFunction check, unsigned bake_threads)
+    : config_(config),
+      data_(data),
+      scenes_(scenes),
+      jobs_(jobs),
+      check_(std::move(check)),
+      bake_threads_(bake_threads),
+      waits_(std::max<std::ptrdiff_t>(config.http_threads / 2, 1)) {
+  const auto add = [this](const char* method, const char* pattern,
+                          Response (Api::*member)(Request&)) {
+    router_.add(method, pattern, [this, member](Request& r) { return (this->*member)(r); });
+  };
+  add("GET", "/", &Api::get_root);
+  add("GET", "/v1/capabilities", &Api::get_capabilities);
+  add("POST", "/v1/scenes", &Api::post_scene);
+  add("GET", "/v1/scenes/sha256:{}", &Api::get_scene);
+  add("POST", "/v1/jobs", &Api::post_job);
+  add("GET", "/v1/jobs", &Api::list_jobs);
+  add("GET", "/v1/jobs/{}", &Api::get_job);
+  add("DELETE", "/v1/jobs/{}", &Api::delete_job);
+  add("POST", "/v1/jobs/{}/cancel", &Api::cancel_job);
+  add("GET", "/v1/jobs/{}/events", &Api::get_events);
+  add("GET", "/v1/jobs/{}/results", &Api::get_results);
+  add("GET", "/v1/jobs/{}/results/{}", &Api::get_result);
+  add("GET", "/v1/jobs/{}/preview", &Api::get_preview);
+}
+
+Response Api::get_root(Request& request) {
+  const std::string* host = request.head.header("host");
+  const std::string url = "http://" + (host ? *host : config_.listen);
+  Response response;
+  response.content_type = "text/plain; charset=utf-8";
+  response.body = "Lightkiln " LIGHTKILN_VERSION
+                  ": lightmaps for glTF scenes.\n\nBake a scene:\n  curl -F scene=@scene.glb " +
+                  url + "/v1/jobs\nFollow it:\n  curl -N " + url +
+                  "/v1/jobs/{id}/events\nFetch what came of it:\n  curl " + url +
+                  "/v1/jobs/{id}/results\nWhat can be set:\n  curl " + url + "/v1/capabilities\n";
+  return response;
+}
+
+Response Api::get_capabilities(Request&) {
+  const nlohmann::json schema = proto::settings_schema();
+  nlohmann::json document{
+      {"version", LIGHTKILN_VERSION},
+      {"methods", schema.at("/properties/solver/properties/method/enum"_json_pointer)},
+      {"settings", {{"schema", schema}, {"defaults", proto::to_json(proto::BakeSettings{})}}},
+      {"threads", bake_threads_}};
+  const baker::ImportLimits import;
+  document["limits"] = {{"upload_bytes", config_.max_upload_bytes},
+                        {"request_json_bytes", config_.max_request_json_bytes},
+                        {"queued_jobs", config_.max_queued_jobs},
+                        {"running_jobs", config_.max_running_jobs},
+                        {"scene_json_bytes", import.json_bytes},
+                        {"nodes", import.nodes},
+                        {"node_depth", import.node_depth},
+                        {"vertices", import.vertices},
+                        {"triangles", import.triangles},
+                        {"image_pixels", import.image_pixels},
+                        {"all_image_pixels", import.all_image_pixels},
+                        {"lights", import.lights}};
+  return json_response(200, document);
+}
+
+proto::Expected<std::optional<std::uint64_t>> query_number(const Request& request, const char* name,
+                                                           std::uint64_t max) {
+  const std::string* text = request.head.query_value(name);
+  if (!text) return std::nullopt;
+  std::uint64_t value = 0;
+  const auto parsed = std::from_chars(text->data(), text->data() + text->size(), value);
+  if (text->empty() || parsed.ec != std::errc() || parsed.ptr != text->data() + text->size() ||
+      value > max)
+    return proto::fail("bad_request",
+                       std::string("The query parameter `") + name +
+                           "` has to be a whole number from 0 to " + std::to_string(max) + ".",
+                       "request", std::string("/query/") + name);
+  return value;
+}
+
+Router admin_routes(const DataFolder& data, JobStore& store,
+                    const std::function<bool()>& draining) {
+  Router router;
+  router.add("GET", "/healthz", [](Request&) {
+    return json_response(200, {{"status", "ok"}, {"version", LIGHTKILN_VERSION}});
+  });
+  router.add("GET", "/readyz", [&data, &store, draining](Request&) {
+    constexpr double kMinFree = 0.05;
+    const bool is_draining = draining();
+    const bool store_ok = store.writable(), disk_ok = data.writable();
+    const double free = data.free_share();
+    const bool ready = !is_draining && store_ok && disk_ok && free >= kMinFree;
+    return json_response(ready ? 200 : 503, {{"ready", ready},
+                                             {"draining", is_draining},
+                                             {"store_writable", store_ok},
+                                             {"disk_writable", disk_ok},
+                                             {"disk_free_share", free}});
+  });
+  return router;
+}
+
+}  // namespace kiln::server

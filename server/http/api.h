@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <semaphore>
+#include <string>
+
+#include "baker/scene/import.h"
+#include "proto/expected.h"
+#include "server/config.h"
+#include "server/http/message.h"
+#include "server/http/router.h"
+#include "server/http/upload.h"
+#include "server/jobs/job_service.h"
+#include "server/storage/data_folder.h"
+#include "server/storage/scene_store.h"
+
+namespace kiln::server {
+
+/// baker::check_scene, or a test's stand-in.
+using CheckFunction =
+    std::function<proto::Expected<void>(const baker::SceneFiles&, const proto::BakeSettings&)>;
+
+/// The routes under /v1 (docs/http-api.md). Thread-safe.
+class Api {
+ public:
+  Api(const ServerConfig&, const DataFolder&, const SceneStore&, JobService&, CheckFunction,
+      unsigned bake_threads);
+
+  Response handle(Request& request) { return router_.route(request); }
+
+ private:
+  Response post_job(Request&);
+  Response post_scene(Request&);
+  Response get_scene(Request&);
+  Response list_jobs(Request&);
+  Response get_job(Request&);
+  Response cancel_job(Request&);
+  Response delete_job(Request&);
+  Response get_events(Request&);
+  Response get_results(Request&);
+  Response get_result(Request&);
+  Response get_preview(Request&);
+  Response get_capabilities(Request&);
+  Response get_root(Request&);
+
+  struct JobRequest {
+    StoredScene scene;
+    proto::BakeSettings settings;
+  };
+  proto::Expected<JobRequest> read_job_request(Request&);
+  proto::Expected<JobRequest> read_json_job(Request&);
+  proto::Expected<proto::Job> find_job(const Request&) const;
+  proto::Expected<proto::Job> wait_for_job(const Request&, std::chrono::seconds);
+  /// The job of the request when it has results, else why not.
+  proto::Expected<proto::Job> find_finished(const Request&) const;
+  proto::Expected<std::string> render_preview(const Request&, const proto::Job&,
+                                              const baker::Snapshot&);
+
+  const ServerConfig& config_;
+  const DataFolder& data_;
+  const SceneStore& scenes_;
+  JobService& jobs_;
+  CheckFunction check_;
+  unsigned bake_threads_;
+  Router router_;
+  std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
+  std::counting_semaphore<> previews_{2};
+};
+
+/// The routes of the admin port: /healthz and /readyz.
+Router admin_routes(const DataFolder&, JobStore&, const std::function<bool()>& draining);
+
+/// Reads a number from the query. Errors: `bad_request`, with the parameter's name.
+proto::Expected<std::optional<std::uint64_t>> query_number(const Request&, const char* name,
+                                                           std::uint64_t max);
+
+}  // namespace kiln::server

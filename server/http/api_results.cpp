@@ -1,0 +1,190 @@
+#include <fcntl.h>
+
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "baker/output/output.h"
+#include "baker/post/post.h"
+#include "proto/json.h"
+#include "server/http/api.h"
+#include "server/http/conditional.h"
+#include "server/http/problem.h"
+#include "server/jobs/ids.h"
+
+namespace kiln::server {
+namespace {
+
+using proto::Expected;
+using proto::fail;
+
+constexpr std::uint64_t kMaxManifestBytes = 256ull << 20;
+
+Response not_modified(const std::string& etag) {
+  Response response;
+  response.status = 304;
+  return response.header("ETag", etag);
+}
+
+Response unsatisfiable(std::uint64_t size, const Request& request) {
+  const proto::Error error{
+      "range_not_satisfiable",
+      "The file has " + std::to_string(size) + " bytes; one range within them can be had.",
+      {}};
+  return problem(error, request).header("Content-Range", "bytes */" + std::to_string(size));
+}
+
+// The name and its page number for page_07.exr, where settings asked for EXR files.
+std::string exr_name(std::uint64_t page) {
+  const std::string digits = std::to_string(page);
+  return "page_" + std::string(digits.size() < 2 ? "0" : "") + digits + ".exr";
+}
+
+Expected<std::optional<float>> query_exposure(const Request& request) {
+  const std::string* text = request.head.query_value("exposure");
+  if (!text) return std::nullopt;
+  float value = 0;
+  const auto parsed = std::from_chars(text->data(), text->data() + text->size(), value);
+  if (parsed.ec != std::errc() || parsed.ptr != text->data() + text->size() || !(value > 0) ||
+      !std::isfinite(value))
+    return fail("bad_request", "`exposure` has to be a number over 0.", "request",
+                "/query/exposure");
+  return value;
+}
+
+}  // namespace
+
+Expected<proto::Job> Api::find_finished(const Request& request) const {
+  auto job = find_job(request);
+  if (!job || job->state == proto::JobState::kSucceeded) return job;
+  if (!proto::is_terminal(job->state))
+    return fail("result_not_ready", "Job " + job->id + " is not over yet.");
+  return fail("not_found",
+              "Job " + job->id + " " + proto::to_string(job->state) + ": it has no results.");
+}
+
+Response Api::get_results(Request& request) {
+  auto job = find_finished(request);
+  if (!job) return problem(job.error(), request);
+  auto text = read_file(data_.results(job->id) / "manifest.json", kMaxManifestBytes);
+  if (!text) return problem(text.error(), request);
+  auto manifest = proto::parse_json(*text, "manifest");
+  if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
+  auto files = nlohmann::json::array();
+  std::string etag;
+  for (const auto& file : jobs_.results(job->id)) {
+    files.push_back({{"name", file.name},
+                     {"media_type", file.media_type},
+                     {"bytes", file.bytes},
+                     {"sha256", file.sha256},
+                     {"href", "/v1/jobs/" + job->id + "/results/" + file.name}});
+    if (file.name == "manifest.json") etag = "\"" + file.sha256 + "-list\"";
+  }
+  if (const auto* known = request.head.header("if-none-match"); known && matches_etag(*known, etag))
+    return not_modified(etag);
+  (*manifest)["files"] = std::move(files);
+  return json_response(200, *manifest).header("ETag", etag);
+}
+
+Response Api::get_result(Request& request) {
+  auto job = find_finished(request);
+  if (!job) return problem(job.error(), request);
+  const std::string& name = request.parameters.at(1);
+  // Only names that the store lists are ever turned into a path.
+  const auto files = jobs_.results(job->id);
+  const auto found = std::find_if(files.begin(), files.end(),
+                                  [&](const proto::ResultFile& f) { return f.name == name; });
+  if (found == files.end())
+    return problem({"not_found", "Job " + job->id + " has no result " + name + ".", {}}, request);
+
+  const std::string etag = "\"" + found->sha256 + "\"";
+  const Selection selection = select_content(request.head, etag, found->bytes);
+  if (selection.status == 304) return not_modified(etag);
+  if (selection.status == 416) return unsatisfiable(found->bytes, request);
+  auto file =
+      std::make_shared<Fd>(::open((data_.results(job->id) / name).c_str(), O_RDONLY | O_CLOEXEC));
+  if (!file->valid()) return problem(storage_error("open", name).value(), request);
+  Response response;
+  response.status = selection.status;
+  response.content_type = found->media_type;
+  response.file = FileContent{std::move(file), selection.offset, selection.length};
+  const bool shown = found->media_type.starts_with("image/png");
+  response.header("ETag", etag)
+      .header("Accept-Ranges", "bytes")
+      .header("Cache-Control", "private, max-age=31536000, immutable")
+      .header("Content-Disposition",
+              std::string(shown ? "inline" : "attachment") + "; filename=\"" + name + "\"");
+  if (selection.status == 206)
+    response.header("Content-Range", "bytes " + std::to_string(selection.offset) + "-" +
+                                         std::to_string(selection.offset + selection.length - 1) +
+                                         "/" + std::to_string(found->bytes));
+  return response;
+}
+
+// A page of the running bake's latest pass, or of the finished result, as PNG bytes.
+Expected<std::string> Api::render_preview(const Request& request, const proto::Job& job,
+                                          const baker::Snapshot& snapshot) {
+  auto page = query_number(request, "page", UINT32_MAX);
+  if (!page) return proto::Unexpected(page.error());
+  auto exposure = query_exposure(request);
+  if (!exposure) return proto::Unexpected(exposure.error());
+  const std::uint64_t number = page->value_or(0);
+  const auto no_page = [&] {
+    return fail("not_found", "Job " + job.id + " has no page " + std::to_string(number) + ".");
+  };
+  baker::PageImage image;
+  if (snapshot.light) {
+    if (number >= snapshot.texels->pages.size()) return no_page();
+    std::vector<baker::Rgb> values(snapshot.texels->size());
+    for (std::uint32_t i = 0; i < snapshot.texels->size(); ++i)
+      values[i] = snapshot.light->irradiance(i);
+    image = baker::compose_page(*snapshot.texels, static_cast<std::uint32_t>(number), values,
+                                job.settings.post.dilate);
+  } else {
+    const std::string name = exr_name(number);
+    const auto files = jobs_.results(job.id);
+    if (std::none_of(files.begin(), files.end(), [&](const auto& f) { return f.name == name; }))
+      return no_page();
+    auto read = baker::read_exr(data_.results(job.id) / name);
+    if (!read) return proto::Unexpected(read.error());
+    image = std::move(*read);
+  }
+  const float scale =
+      exposure->value_or(job.settings.output.exposure.value_or(baker::automatic_exposure(image)));
+  return baker::encode_png(baker::tone_map(image, scale), image.width, image.height);
+}
+
+Response Api::get_preview(Request& request) {
+  auto job = find_job(request);
+  if (!job) return problem(job.error(), request);
+  if (const auto* pass = request.head.query_value("pass"); pass && *pass != "latest")
+    return problem({"bad_request",
+                    "Only pass=latest can be had.",
+                    {{"request", "/query/pass", "not `latest`"}}},
+                   request);
+  const baker::Snapshot snapshot = jobs_.snapshot(job->id);
+  if (!snapshot.light) {
+    // The job may have ended between the two looks.
+    if (auto finished = find_finished(request); !finished)
+      return problem(finished.error(), request);
+  }
+  // The attempt and pass name the picture; the query that goes with it is part of the URL.
+  const std::string etag = "\"" + std::to_string(job->attempt) + "-" +
+                           (snapshot.light ? std::to_string(snapshot.pass) : "final") + "\"";
+  if (const auto* known = request.head.header("if-none-match"); known && matches_etag(*known, etag))
+    return not_modified(etag);
+  if (!previews_.try_acquire_for(std::chrono::seconds(5)))
+    return problem({"overloaded", "Too many previews are being made.", {}}, request);
+  const struct Release {
+    std::counting_semaphore<>& slots;
+    ~Release() { slots.release(); }
+  } release{previews_};
+  auto png = render_preview(request, *job, snapshot);
+  if (!png) return problem(png.error(), request);
+  Response response;
+  response.content_type = "image/png";
+  response.body = std::move(*png);
+  return response.header("ETag", etag).header("Cache-Control", "no-cache");
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,46 @@
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
+#include "server/http/api.h"
+#include "server/http/problem.h"
+
+namespace kiln::server {
+namespace {
+
+std::string scene_path(const StoredScene& scene) {
+  return "/v1/scenes/sha256:" + scene.key;
+}
+
+Response scene_response(int status, const StoredScene& scene) {
+  return json_response(status, {{"id", "sha256:" + scene.key},
+                                {"sha256", scene.main_sha256},
+                                {"bytes", scene.bytes},
+                                {"side_files", scene.side_files},
+                                {"links", {{"self", scene_path(scene)}}}});
+}
+
+}  // namespace
+
+// Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
+// a job names the scene.
+Response Api::post_scene(Request& request) {
+  auto upload =
+      receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
+                     /*settings_allowed=*/false);
+  if (!upload) return problem(upload.error(), request);
+  proto::BakeSettings any_light;
+  any_light.allow_dark = true;
+  if (auto ok = check_(upload->scene.files(), any_light); !ok) return problem(ok.error(), request);
+  auto put = scenes_.put(std::move(upload->scene));
+  if (!put) return problem(put.error(), request);
+  return scene_response(put->created ? 201 : 200, put->scene)
+      .header("Location", scene_path(put->scene));
+}
+
+Response Api::get_scene(Request& request) {
+  auto scene = scenes_.find(request.parameters.at(0));
+  if (!scene) return problem(scene.error(), request);
+  return scene_response(200, *scene);
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "server/http/head.h"
+
+namespace kiln::server {
+
+/// What a request for a file is answered with.
+struct Selection {
+  int status = 200;  ///< 200, 206, 304 or 416
+  std::uint64_t offset = 0, length = 0;
+};
+
+/// Evaluates If-None-Match, If-Range and Range (RFC 9110) against one strong ETag. A Range that is
+/// malformed or of another unit is ignored, as the standard asks; several ranges are refused (416).
+Selection select_content(const RequestHead&, std::string_view etag, std::uint64_t size);
+
+/// Whether a list of entity tags (or *) names `etag`, by weak comparison.
+bool matches_etag(std::string_view list, std::string_view etag);
+
+}  // namespace kiln::server

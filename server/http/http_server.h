@@ -1,0 +1,43 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "proto/expected.h"
+#include "server/http/connection.h"
+#include "server/http/message.h"
+
+namespace kiln::server {
+
+class Hub;
+
+struct HttpOptions {
+  std::string name = "http";  ///< in the log
+  std::string listen = "127.0.0.1";
+  std::uint16_t port = 0;  ///< 0: any free port
+  unsigned threads = 16;
+  EdgeLimits limits;
+};
+
+/// An HTTP/1.1 server around a handler. cpp-httplib accepts connections and writes answers; heads,
+/// bodies, limits and waiting are ours, since the packaged version bounds none of them.
+class HttpServer {
+ public:
+  /// Binds and starts to serve. `hub` takes the event streams over; it must live longer.
+  /// Errors: `cannot_listen`.
+  static proto::Expected<std::unique_ptr<HttpServer>> start(HttpOptions, Handler, Hub& hub);
+  ~HttpServer();  ///< stop() without a grace, unless done
+
+  std::uint16_t port() const;
+  /// Refuses new connections, lets running requests finish for up to `grace`, then cuts them.
+  void stop(std::chrono::milliseconds grace);
+
+ private:
+  struct Impl;
+  explicit HttpServer(std::unique_ptr<Impl>);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace kiln::server

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "server/http/body.h"
+#include "server/http/head.h"
+#include "server/jobs/event_ring.h"
+#include "server/storage/files.h"
+
+namespace kiln::server {
+
+/// A request as the routes see it. No library's types: the HTTP library stays behind HttpServer.
+struct Request {
+  const RequestHead& head;
+  BodyReader& body;
+  std::string id;                       ///< req_..., on the answer and in the log
+  std::vector<std::string> parameters;  ///< of the route's pattern, in order
+};
+
+/// A part of a file as the answer's content.
+struct FileContent {
+  std::shared_ptr<const Fd> file;
+  std::uint64_t offset = 0, length = 0;
+};
+
+/// An event stream that takes the connection over once the head of the answer is out.
+struct StreamContent {
+  std::shared_ptr<const EventRing> ring;
+  std::uint64_t after = 0;
+  std::string intro;
+};
+
+struct Response {
+  int status = 200;
+  std::vector<std::pair<std::string, std::string>> headers;
+  std::string content_type;
+  std::string body;
+  std::optional<FileContent> file;
+  std::optional<StreamContent> stream;
+
+  Response& header(std::string name, std::string value) {
+    headers.emplace_back(std::move(name), std::move(value));
+    return *this;
+  }
+};
+
+using Handler = std::function<Response(Request&)>;
+
+}  // namespace kiln::server

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "server/http/message.h"
+
+namespace kiln::server {
+
+/// Finds the handler of a request. Patterns are literal segments and `{}` for one that is handed to
+/// the handler; no regular expressions. A GET route answers HEAD too.
+class Router {
+ public:
+  void add(std::string method, std::string_view pattern, Handler);
+  /// Answers 404, 405 with Allow and OPTIONS by itself.
+  Response route(Request&) const;
+
+ private:
+  struct Route {
+    std::string method;
+    std::vector<std::string> segments;
+    Handler handler;
+  };
+  std::vector<Route> routes_;
+};
+
+}  // namespace kiln::server

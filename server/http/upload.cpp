@@ -1,0 +1,189 @@
+#include "server/http/upload.h"
+
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+#include "server/http/multipart.h"
+
+namespace kiln::server {
+namespace {
+
+using proto::Expected;
+using proto::fail;
+
+constexpr std::size_t kPiece = 256 * 1024;
+constexpr std::size_t kMaxFileName = 1024;
+
+proto::Unexpected too_large(std::uint64_t limit) {
+  return fail("payload_too_large",
+              "The request's body is over the limit of " + std::to_string(limit) + " bytes.");
+}
+
+// Hands the body on piece by piece. Counts bytes as they come: a Content-Length may be absent.
+Expected<void> for_each_piece(Request& request, std::uint64_t limit,
+                              const std::function<Expected<void>(std::string_view)>& take) {
+  if (request.head.content_length.value_or(0) > limit) return too_large(limit);
+  std::vector<char> buffer(kPiece);
+  std::uint64_t total = 0;
+  for (;;) {
+    const ssize_t got = request.body.read(buffer.data(), buffer.size());
+    if (got == 0) return {};
+    if (got < 0) return fail("bad_request", "The request's body ended early or is malformed.");
+    total += static_cast<std::uint64_t>(got);
+    if (total > limit) return too_large(limit);
+    if (auto ok = take({buffer.data(), static_cast<std::size_t>(got)}); !ok) return ok;
+  }
+}
+
+bool is_plain_text(const std::string& name) {
+  return std::none_of(name.begin(), name.end(),
+                      [](unsigned char c) { return c < 0x20 || c == 0x7f; });
+}
+
+/// Sorts the parts of one multipart body into scene, side files and settings.
+class PartCollector {
+ public:
+  PartCollector(Upload& upload, const UploadLimits& limits, bool settings_allowed)
+      : upload_(upload), limits_(limits), settings_allowed_(settings_allowed) {}
+
+  Expected<void> begin(const PartHead& part) {
+    const std::string pointer = "/" + part.name;
+    const auto refuse = [&](const std::string& what) {
+      return fail("invalid_request", what, "request", pointer);
+    };
+    if (part.name == "settings" && settings_allowed_) {
+      if (upload_.settings) return refuse("There are two `settings` parts.");
+      upload_.settings.emplace();
+      in_settings_ = true;
+      return {};
+    }
+    name_.clear();
+    if (part.name == "scene") {
+      if (upload_.scene.main) return refuse("There are two `scene` parts.");
+    } else if (!part.filename) {
+      return refuse("The part `" + part.name +
+                    "` is neither `scene`, nor `settings`, nor a file with a name.");
+    } else {
+      name_ = *part.filename;
+      if (name_.empty() || name_.size() > kMaxFileName || !is_plain_text(name_))
+        return refuse("A side file needs a name of 1 to 1,024 bytes without control characters.");
+      for (const auto& other : upload_.scene.side)
+        if (other.name == name_) return refuse("Two side files are called `" + name_ + "`.");
+    }
+    is_main_ = part.name == "scene";
+    auto file = HashingFile::create(upload_.scene.next_path());
+    if (!file) return proto::Unexpected(file.error());
+    file_.emplace(std::move(*file));
+    return {};
+  }
+
+  Expected<void> data(std::string_view bytes) {
+    if (!in_settings_) return file_->write(bytes);
+    if (upload_.settings->size() + bytes.size() > limits_.json_bytes)
+      return fail("payload_too_large", "The `settings` part is over the limit of " +
+                                           std::to_string(limits_.json_bytes) + " bytes.");
+    *upload_.settings += bytes;
+    return {};
+  }
+
+  Expected<void> end() {
+    if (in_settings_) {
+      in_settings_ = false;
+      return {};
+    }
+    auto hash = file_->finish();
+    if (!hash) return proto::Unexpected(hash.error());
+    UploadedFile done{name_, file_->path(), file_->bytes(), *hash};
+    if (is_main_) {
+      upload_.scene.main = std::move(done);
+    } else {
+      upload_.scene.side.push_back(std::move(done));
+    }
+    file_.reset();
+    return {};
+  }
+
+ private:
+  Upload& upload_;
+  const UploadLimits& limits_;
+  bool settings_allowed_;
+  bool in_settings_ = false, is_main_ = false;
+  std::string name_;
+  std::optional<HashingFile> file_;
+};
+
+Expected<void> receive_parts(Request& request, const std::string& boundary,
+                             const UploadLimits& limits, PartCollector& parts) {
+  MultipartReader reader(boundary, {[&](const PartHead& head) { return parts.begin(head); },
+                                    [&](std::string_view bytes) { return parts.data(bytes); },
+                                    [&] { return parts.end(); }});
+  auto done = for_each_piece(request, limits.body_bytes,
+                             [&](std::string_view bytes) { return reader.feed(bytes); });
+  if (!done) return done;
+  return reader.finish();
+}
+
+Expected<void> check_encoding(const RequestHead& head) {
+  const std::string* encoding = head.header("content-encoding");
+  if (!encoding || equal_ignoring_case(*encoding, "identity")) return {};
+  return fail("unsupported_media_type", "Send the body as it is, without Content-Encoding.");
+}
+
+}  // namespace
+
+std::string media_type(const RequestHead& head) {
+  const std::string* header = head.header("content-type");
+  if (!header) return {};
+  std::string type(trim_blanks(std::string_view(*header).substr(0, header->find(';'))));
+  std::transform(type.begin(), type.end(), type.begin(),
+                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+  return type;
+}
+
+Expected<Upload> receive_upload(Request& request, const DataFolder& data,
+                                const UploadLimits& limits, bool settings_allowed) {
+  if (auto ok = check_encoding(request.head); !ok) return proto::Unexpected(ok.error());
+  const std::string type = media_type(request.head);
+  const bool multipart = type == "multipart/form-data";
+  const bool bare = type == "model/gltf-binary" || type == "model/gltf+json" ||
+                    type == "application/octet-stream" || type.empty();
+  if (!multipart && !bare)
+    return fail("unsupported_media_type",
+                "Send multipart/form-data, or the file as model/gltf-binary, model/gltf+json or "
+                "application/octet-stream; not " +
+                    type + ".");
+  auto folder = SceneUpload::create(data);
+  if (!folder) return proto::Unexpected(folder.error());
+  Upload upload{std::move(*folder), std::nullopt};
+  PartCollector parts(upload, limits, settings_allowed);
+  Expected<void> done;
+  if (multipart) {
+    const auto boundary = multipart_boundary(*request.head.header("content-type"));
+    if (!boundary) return fail("bad_request", "The multipart body has no usable boundary.");
+    done = receive_parts(request, *boundary, limits, parts);
+  } else {
+    done = parts.begin({"scene", std::nullopt, type});
+    if (done)
+      done = for_each_piece(request, limits.body_bytes,
+                            [&](std::string_view bytes) { return parts.data(bytes); });
+    if (done) done = parts.end();
+  }
+  if (!done) return proto::Unexpected(done.error());
+  if (!upload.scene.main)
+    return fail("invalid_request", "The part `scene` is missing.", "request", "/scene");
+  return upload;
+}
+
+Expected<std::string> receive_text(Request& request, std::uint64_t max_bytes) {
+  if (auto ok = check_encoding(request.head); !ok) return proto::Unexpected(ok.error());
+  std::string text;
+  auto done = for_each_piece(request, max_bytes, [&](std::string_view bytes) {
+    text += bytes;
+    return Expected<void>();
+  });
+  if (!done) return proto::Unexpected(done.error());
+  return text;
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "proto/expected.h"
+#include "server/http/message.h"
+#include "server/storage/data_folder.h"
+#include "server/storage/scene_store.h"
+
+namespace kiln::server {
+
+struct UploadLimits {
+  std::uint64_t body_bytes = 1ull << 30;
+  std::uint64_t json_bytes = 4ull << 20;
+};
+
+/// What a client sent: files in tmp/, and the text of its `settings` part.
+struct Upload {
+  SceneUpload scene;
+  std::optional<std::string> settings;
+};
+
+/// Receives a scene to disk with bounded memory: multipart/form-data (part `scene`, optional part
+/// `settings` where allowed, any other part with a file name is a side file of that name), or the
+/// bare file as model/gltf-binary, model/gltf+json or application/octet-stream.
+/// Errors: `payload_too_large`, `unsupported_media_type`, `bad_request`, `invalid_request`,
+/// `storage_full`, `io_error`.
+proto::Expected<Upload> receive_upload(Request&, const DataFolder&, const UploadLimits&,
+                                       bool settings_allowed);
+
+/// A JSON body as text. Errors: `payload_too_large`, `bad_request`.
+proto::Expected<std::string> receive_text(Request&, std::uint64_t max_bytes);
+
+/// The media type of a Content-Type, lower case, without parameters; "" when absent.
+std::string media_type(const RequestHead&);
+
+}  // namespace kiln::server

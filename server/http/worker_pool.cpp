@@ -1,0 +1,67 @@
+#include "server/http/worker_pool.h"
+
+#include <system_error>
+
+namespace kiln::server {
+
+WorkerPool::WorkerPool(unsigned threads, std::size_t max_waiting) : max_waiting_(max_waiting) {
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, kStackBytes);
+  for (unsigned i = 0; i < threads; ++i) {
+    pthread_t thread{};
+    const int error = pthread_create(&thread, &attributes, &entry, this);
+    if (error != 0) {
+      pthread_attr_destroy(&attributes);
+      stop();
+      throw std::system_error(error, std::system_category(), "request threads");
+    }
+    threads_.push_back(thread);
+  }
+  pthread_attr_destroy(&attributes);
+}
+
+WorkerPool::~WorkerPool() {
+  stop();
+}
+
+void WorkerPool::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  changed_.notify_all();
+  for (const pthread_t thread : threads_) pthread_join(thread, nullptr);
+  threads_.clear();
+}
+
+bool WorkerPool::enqueue(std::function<void()> task) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_ || tasks_.size() >= max_waiting_) return false;
+    tasks_.push_back(std::move(task));
+  }
+  changed_.notify_one();
+  return true;
+}
+
+void* WorkerPool::entry(void* self) {
+  static_cast<WorkerPool*>(self)->loop();
+  return nullptr;
+}
+
+void WorkerPool::loop() {
+  for (;;) {
+    std::function<void()> task;
+    {
+      std::unique_lock lock(mutex_);
+      changed_.wait(lock, [&] { return stopping_ || !tasks_.empty(); });
+      if (tasks_.empty()) return;
+      task = std::move(tasks_.front());
+      tasks_.pop_front();
+    }
+    task();
+  }
+}
+
+}  // namespace kiln::server

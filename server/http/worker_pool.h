@@ -1,0 +1,39 @@
+#pragma once
+
+#include <pthread.h>
+
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <vector>
+
+namespace kiln::server {
+
+/// Threads that answer requests, with stacks of a known size whatever the platform's default.
+class WorkerPool {
+ public:
+  static constexpr std::size_t kStackBytes = 8 << 20;
+
+  WorkerPool(unsigned threads, std::size_t max_waiting);
+  ~WorkerPool();  ///< runs what waits, then joins
+  WorkerPool(const WorkerPool&) = delete;
+  WorkerPool& operator=(const WorkerPool&) = delete;
+
+  /// False when too much is waiting: the task was not taken.
+  bool enqueue(std::function<void()> task);
+  void stop();
+
+ private:
+  static void* entry(void* self);
+  void loop();
+
+  std::size_t max_waiting_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::function<void()>> tasks_;  ///< guarded by mutex_
+  bool stopping_ = false;                    ///< guarded by mutex_
+  std::vector<pthread_t> threads_;
+};
+
+}  // namespace kiln::server

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace kiln::server {
+
+/// `prefix` + 26 characters of [0-9a-z]: 48 bits of time, then 80 random bits, so that ids sort by
+/// age and can't be guessed.
+std::string new_id(std::string_view prefix);
+
+/// Whether `text` is `prefix` + 26 characters of [0-9a-z].
+bool is_id(std::string_view text, std::string_view prefix);
+
+/// The time now, RFC 3339, UTC, with milliseconds.
+std::string now_rfc3339();
+
+}  // namespace kiln::server

@@ -1,0 +1,88 @@
+#include "server/jobs/job_changes.h"
+
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
+#include "server/jobs/ids.h"
+
+namespace kiln::server {
+namespace {
+
+using proto::JobState;
+using Durability = Database::Durability;
+
+// Applies `change` to the job; undoes it when `store` throws.
+template <class Change, class Store>
+void apply(LiveJob& job, const Change& change, const Store& store) {
+  const StoredJob before = job.stored;
+  ++job.stored.job.version;
+  std::vector<proto::Event> events;
+  try {
+    change(job.stored, events);
+    store(events);
+  } catch (...) {
+    job.stored = before;
+    throw;
+  }
+  for (auto& event : events) job.ring->push(std::move(event));
+}
+
+nlohmann::json file_names(const std::vector<proto::ResultFile>& files) {
+  auto names = nlohmann::json::array();
+  for (const auto& file : files) names.push_back(file.name);
+  return names;
+}
+
+}  // namespace
+
+void change_state(JobStore& store, LiveJob& job, JobState state, Durability durability) {
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>& events) {
+        s.job.state = state;
+        if (state == JobState::kPreparing) s.job.started_at = now_rfc3339();
+        events.push_back(job.state_event());
+      },
+      [&](const auto& events) { store.save(job.stored, events, durability); });
+}
+
+void finish_job(JobStore& store, LiveJob& job, JobState state, std::optional<proto::Error> error,
+                const std::vector<proto::ResultFile>& files) {
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>& events) {
+        s.job.state = state;
+        s.job.error = std::move(error);
+        s.job.finished_at = now_rfc3339();
+        if (state == JobState::kSucceeded) s.job.progress.fraction = 1;
+        if (!files.empty())
+          events.push_back(job.event("result.ready", {{"files", file_names(files)}}));
+        events.push_back(job.state_event(events.size()));
+        events.push_back(job.event(kJobEnd, proto::to_json(s.job), events.size()));
+      },
+      [&](const auto& events) { store.finish(job.stored, events, files); });
+}
+
+void requeue_job(JobStore& store, LiveJob& job) {
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>& events) {
+        s.job.state = JobState::kQueued;
+        ++s.job.attempt;
+        s.job.started_at.clear();
+        s.job.progress = {};
+        events.push_back(job.state_event());
+      },
+      [&](const auto& events) { store.save(job.stored, events, Durability::kPromise); });
+}
+
+void add_event(JobStore& store, LiveJob& job, const char* type, const nlohmann::json& data) {
+  apply(
+      job,
+      [&](StoredJob&, std::vector<proto::Event>& events) {
+        events.push_back(job.event(type, data));
+      },
+      [&](const auto& events) { store.save(job.stored, events, Durability::kProgress); });
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,163 @@
+#include "server/jobs/job_run.h"
+
+#include <algorithm>
+#include <new>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "proto/json.h"
+#include "server/log.h"
+
+namespace kiln::server {
+namespace {
+
+using proto::JobState;
+using Durability = Database::Durability;
+using Clock = std::chrono::steady_clock;
+
+bool is_plain_name(const std::string& name) {
+  return !name.empty() && name[0] != '.' && name.find('/') == std::string::npos;
+}
+
+}  // namespace
+
+void JobRun::run(std::stop_token service_stop) {
+  bool canceled_before_start = false;
+  record([&] {
+    canceled_before_start = job_.cancel_requested;
+    if (!canceled_before_start)
+      change_state(context_.store, job_, JobState::kPreparing, Durability::kProgress);
+  });
+  Outcome outcome;
+  if (canceled_before_start) {
+    outcome.error = proto::Error{proto::kCanceledCode, "Canceled.", {}};
+  } else {
+    outcome = bake();
+  }
+  conclude(std::move(outcome), service_stop);
+}
+
+JobRun::Outcome JobRun::bake() {
+  const proto::Job job = [&] {
+    const std::lock_guard lock(job_.mutex);
+    return job_.stored.job;
+  }();
+  try {
+    auto scene = context_.scenes.find(job.scene_sha256);
+    if (!scene) return {scene.error(), {}};
+    if (auto made = context_.data.make_job_folders(job.id); !made) return {made.error(), {}};
+    const baker::BakeInput input{scene->files,
+                                 job.settings,
+                                 context_.import_limits,
+                                 context_.data.results(job.id),
+                                 context_.data.checkpoints(job.id),
+                                 scene->main_sha256};
+    auto manifest = context_.bake(input, context_.pool, job_.stop.get_token(), *this);
+    if (!manifest) return {manifest.error(), {}};
+    auto files = collect(*manifest);
+    if (!files) return {files.error(), {}};
+    return {std::nullopt, std::move(*files)};
+  } catch (const std::bad_alloc&) {
+    return {proto::Error{"out_of_memory", "The bake needs more memory than there is.", {}}, {}};
+  } catch (const std::exception& e) {
+    log_line(LogLevel::kError, "job.exception", {{"job", job.id}, {"what", e.what()}});
+  } catch (...) {
+    log_line(LogLevel::kError, "job.exception", {{"job", job.id}, {"what", "unknown type"}});
+  }
+  return {
+      proto::Error{"internal", "The bake failed by a fault of the service; its log says more.", {}},
+      {}};
+}
+
+// The files to offer, flushed to the disk: the job may be called succeeded after this.
+proto::Expected<std::vector<proto::ResultFile>> JobRun::collect(
+    const proto::Manifest& manifest) const {
+  const auto folder = context_.data.results(job_.id);
+  if (auto synced = sync_tree(folder); !synced) return proto::Unexpected(synced.error());
+  std::vector<proto::ResultFile> files;
+  for (const auto& file : manifest.files)
+    if (is_plain_name(file.name) && file.name != "manifest.json") files.push_back(file);
+  auto digest = digest_file(folder / "manifest.json");
+  if (!digest) return proto::Unexpected(digest.error());
+  files.push_back({"manifest.json", "application/json", digest->bytes, digest->sha256});
+  return files;
+}
+
+void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
+  const auto attempt = [&] {
+    const std::lock_guard lock(job_.mutex);
+    const bool stopped = outcome.error && outcome.error->code == proto::kCanceledCode;
+    if (job_.cancel_requested) {
+      finish_job(context_.store, job_, JobState::kCancelled, std::nullopt, {});
+    } else if (stopped && service_stop.stop_requested()) {
+      requeue_job(context_.store, job_);
+    } else if (outcome.error) {
+      finish_job(context_.store, job_, JobState::kFailed, outcome.error, {});
+    } else {
+      finish_job(context_.store, job_, JobState::kSucceeded, std::nullopt, outcome.files);
+    }
+    job_.snapshot = {};
+  };
+  // The outcome is a promise. While the store can't take it (a full disk), hold on to it.
+  for (bool first = true;; first = false) {
+    try {
+      attempt();
+      break;
+    } catch (const DatabaseError& e) {
+      if (first) log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
+      if (service_stop.stop_requested()) return;  // the next process runs the job again
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    }
+  }
+  context_.notify();
+}
+
+void JobRun::record(const std::function<void()>& change) {
+  try {
+    const std::lock_guard lock(job_.mutex);
+    change();
+  } catch (const DatabaseError& e) {
+    log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
+  }
+  context_.notify();
+}
+
+void JobRun::on_stage(const std::string& name) {
+  record([&] {
+    job_.stored.job.progress.stage = name;
+    const JobState state = name == "solve"    ? JobState::kRunning
+                           : name == "output" ? JobState::kFinalizing
+                                              : JobState::kPreparing;
+    if (job_.cancel_requested || job_.stored.job.state == state) return;
+    change_state(context_.store, job_, state, Durability::kProgress);
+  });
+}
+
+void JobRun::on_progress(const proto::JobProgress& progress) {
+  {
+    const std::lock_guard lock(job_.mutex);
+    const auto now = Clock::now();
+    job_.stored.job.progress = progress;
+    ++job_.stored.job.version;
+    if (now - last_progress_ < context_.progress_interval) return;
+    last_progress_ = now;
+  }
+  record([&] { add_event(context_.store, job_, "job.progress", proto::to_json(progress)); });
+}
+
+void JobRun::on_pass(const proto::PassReport& report) {
+  record([&] { add_event(context_.store, job_, "pass.completed", proto::to_json(report)); });
+}
+
+void JobRun::on_snapshot(baker::Snapshot snapshot) {
+  const std::lock_guard lock(job_.mutex);
+  job_.snapshot = std::move(snapshot);
+}
+
+void JobRun::on_warning(const proto::Warning& warning) {
+  nlohmann::json data = proto::to_json(warning);
+  data["level"] = "warning";
+  record([&] { add_event(context_.store, job_, "log", data); });
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+
+#include "baker/bake.h"
+#include "server/jobs/job_changes.h"
+#include "server/jobs/job_service.h"
+
+namespace kiln::server {
+
+/// What a run needs of its service.
+struct RunContext {
+  const DataFolder& data;
+  JobStore& store;
+  const SceneStore& scenes;
+  baker::ThreadPool& pool;
+  const BakeFunction& bake;
+  const baker::ImportLimits& import_limits;
+  std::chrono::milliseconds progress_interval;
+  std::function<void()> notify;  ///< after each new event
+};
+
+/// One attempt at one job: calls the bake, turns what it observes into events, and stores how it
+/// ended. Whatever the bake throws fails this job only.
+class JobRun final : public baker::BakeObserver {
+ public:
+  JobRun(const RunContext& context, LiveJob& job) : context_(context), job_(job) {}
+
+  /// Returns when the job is over, or back in the queue because `service_stop` was requested.
+  void run(std::stop_token service_stop);
+
+  void on_stage(const std::string& name) override;
+  void on_progress(const proto::JobProgress&) override;
+  void on_pass(const proto::PassReport&) override;
+  void on_snapshot(baker::Snapshot) override;
+  void on_warning(const proto::Warning&) override;
+
+ private:
+  struct Outcome {
+    std::optional<proto::Error> error;
+    std::vector<proto::ResultFile> files;
+  };
+  Outcome bake();
+  proto::Expected<std::vector<proto::ResultFile>> collect(const proto::Manifest&) const;
+  void conclude(Outcome, std::stop_token service_stop);
+  /// Runs `change` under the job's mutex; a store failure is logged, since the bake can go on.
+  void record(const std::function<void()>& change);
+
+  const RunContext& context_;
+  LiveJob& job_;
+  std::chrono::steady_clock::time_point last_progress_{};  ///< guarded by job_.mutex
+};
+
+}  // namespace kiln::server

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "proto/event.h"
+#include "proto/job.h"
+#include "proto/manifest.h"
+#include "server/storage/sqlite.h"
+
+namespace kiln::server {
+
+/// A job as stored, with what only the server knows of it.
+struct StoredJob {
+  proto::Job job;
+  std::int64_t sequence = 0;  ///< order of submission
+  std::int64_t priority = 0;
+  std::uint32_t crashes = 0;  ///< attempts that ended with the process
+};
+
+struct JobFilter {
+  std::optional<proto::JobState> state;
+  std::uint32_t limit = 50;
+  std::optional<std::int64_t> before;  ///< sequence: only older jobs
+};
+
+/// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
+/// mutex. Throws DatabaseError.
+class JobStore {
+ public:
+  /// Opens or creates the file and migrates its schema. Throws when it was written by a later
+  /// version.
+  explicit JobStore(const std::filesystem::path&);
+
+  /// Stores a new job and its first event; on the disk when it returns. Returns its sequence.
+  std::int64_t insert(const proto::Job&, const proto::Event&);
+  /// Stores the job's new state and the events of the change in one transaction.
+  void save(const StoredJob&, const std::vector<proto::Event>&, Database::Durability);
+  /// The last change of a job: terminal state, events and result files. On the disk when it
+  /// returns.
+  void finish(const StoredJob&, const std::vector<proto::Event>&,
+              const std::vector<proto::ResultFile>&);
+  void remove(const std::string& id);
+
+  std::optional<StoredJob> find(const std::string& id) const;
+  std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
+  std::vector<StoredJob> unfinished() const;            ///< oldest first
+  std::vector<proto::Event> events_after(const std::string& id, std::uint64_t after) const;
+  std::vector<proto::ResultFile> results(const std::string& id) const;
+
+  bool writable();  ///< whether a transaction can be written now
+
+  static constexpr int kSchemaVersion = 1;
+
+ private:
+  void migrate();
+  void put_events(const std::string& id, const std::vector<proto::Event>&);
+  void update(const StoredJob&);
+
+  std::mutex write_mutex_;
+  Database writer_;
+  mutable std::mutex read_mutex_;
+  mutable Database reader_;
+};
+
+}  // namespace kiln::server

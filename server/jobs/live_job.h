@@ -1,0 +1,38 @@
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <nlohmann/json_fwd.hpp>
+#include <stop_token>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "baker/bake.h"
+#include "server/jobs/event_ring.h"
+#include "server/jobs/job_store.h"
+
+namespace kiln::server {
+
+/// A job that is not over, in memory. Every change of `stored` goes through change(), which keeps
+/// store, events and memory in step.
+struct LiveJob {
+  explicit LiveJob(StoredJob stored, std::vector<proto::Event> kept = {});
+
+  const std::string id;
+  std::shared_ptr<EventRing> ring;
+  std::stop_source stop;
+
+  mutable std::mutex mutex;  ///< guards what follows
+  StoredJob stored;
+  baker::Snapshot snapshot;
+  bool cancel_requested = false;
+
+  /// An event of this job with the next id after `already` others that are not pushed yet. Needs
+  /// the mutex.
+  proto::Event event(std::string type, const nlohmann::json& data, std::size_t already = 0) const;
+  /// job.state with the job's present state and attempt. Needs the mutex.
+  proto::Event state_event(std::size_t already = 0) const;
+};
+
+}  // namespace kiln::server

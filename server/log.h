@@ -1,0 +1,20 @@
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+
+#include "server/config.h"
+
+namespace kiln::server {
+
+enum class LogLevel { kTrace, kDebug, kInfo, kWarn, kError };
+
+/// Sets level and format of the process's log (stderr). Call once, before threads start.
+void set_up_log(const std::string& level, LogFormat);
+
+/// One line: {"ts", "level", "event", ...fields} as JSON, or the same as text for people.
+/// `fields` is an object. Thread-safe.
+void log_line(LogLevel, std::string_view event, const nlohmann::json& fields);
+
+}  // namespace kiln::server

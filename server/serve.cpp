@@ -1,0 +1,99 @@
+#include "server/serve.h"
+
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "baker/bake.h"
+#include "baker/scene/import.h"
+#include "server/log.h"
+#include "server/service.h"
+
+namespace kiln::server {
+namespace {
+
+using std::chrono::milliseconds;
+
+sigset_t stop_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGTERM);
+  sigaddset(&set, SIGINT);
+  return set;
+}
+
+// Waits for a stop signal, for at most `time`. Threads inherit the mask, so none is interrupted.
+bool signal_within(milliseconds time) {
+  const sigset_t set = stop_signals();
+  const timespec wait{static_cast<time_t>(time.count() / 1000),
+                      static_cast<long>(time.count() % 1000) * 1'000'000};
+  return ::sigtimedwait(&set, nullptr, &wait) > 0;
+}
+
+void announce(const ServerConfig& config, const Service& service) {
+  const auto url = [&](std::uint16_t port) {
+    const bool v6 = config.listen.find(':') != std::string::npos;
+    return "http://" + (v6 ? "[" + config.listen + "]" : config.listen) + ":" +
+           std::to_string(port);
+  };
+  log_line(LogLevel::kInfo, "ready",
+           {{"api", url(service.port())},
+            {"admin", url(service.admin_port())},
+            {"data", std::filesystem::absolute(config.data).string()},
+            {"version", LIGHTKILN_VERSION}});
+}
+
+// Running jobs get their time; a second signal takes it away. Returns whether that happened.
+bool wait_for_jobs(Service& service, std::uint32_t seconds) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
+  while (!service.wait_idle(milliseconds(0)) && std::chrono::steady_clock::now() < deadline)
+    if (signal_within(milliseconds(100))) return true;
+  return false;
+}
+
+// The last resort: a bake that does not stop must not keep the process, and a second signal is
+// obeyed. What was promised is on the disk already; the job is run again at the next start.
+[[noreturn]] void give_up_after(milliseconds time) {
+  if (signal_within(time)) std::this_thread::sleep_for(milliseconds(1'000));
+  std::fputs("lightkiln: stopped by force\n", stderr);
+  std::_Exit(2);
+}
+
+}  // namespace
+
+int serve(const ServerConfig& config) {
+  const sigset_t set = stop_signals();
+  ::pthread_sigmask(SIG_BLOCK, &set, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  set_up_log(config.log_level, config.log_format);
+
+  auto service = Service::start(
+      config, {baker::bake,
+               [](const baker::SceneFiles& files, const proto::BakeSettings& settings) {
+                 return baker::check_scene(files, settings);
+               },
+               EdgeLimits{}});
+  if (!service) {
+    std::fprintf(stderr, "lightkiln: %s\n", service.error().message.c_str());
+    return 1;
+  }
+  announce(config, **service);
+  while (!signal_within(milliseconds(3'600'000))) {
+  }
+
+  log_line(LogLevel::kInfo, "draining", {{"seconds", config.drain_seconds}});
+  (*service)->begin_drain();
+  const bool forced = wait_for_jobs(**service, config.drain_seconds);
+  constexpr milliseconds kGrace{10'000}, kPatience{20'000};
+  std::thread([forced, kPatience] {
+    give_up_after(forced ? milliseconds(3'000) : kPatience);
+  }).detach();
+  (*service)->stop(forced ? milliseconds(0) : kGrace);
+  service->reset();
+  log_line(LogLevel::kInfo, "stopped", {{"forced", forced}});
+  return forced ? 2 : 0;
+}
+
+}  // namespace kiln::server

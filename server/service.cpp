@@ -1,0 +1,128 @@
+#include "server/service.h"
+
+#include <sys/resource.h>
+
+#include <atomic>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "server/http/http_server.h"
+#include "server/http/hub.h"
+#include "server/log.h"
+
+namespace kiln::server {
+namespace {
+
+// Every stream and connection is a descriptor; the usual soft limit of 1,024 is soon reached.
+void raise_descriptor_limit() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+unsigned bake_threads(const ServerConfig& config) {
+  return config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency());
+}
+
+}  // namespace
+
+struct Service::Impl {
+  Impl(const ServerConfig& c, ServiceParts p, DataFolder folder)
+      : config(c),
+        parts(std::move(p)),
+        data(std::move(folder)),
+        store(data.database()),
+        scenes(data),
+        hub(std::chrono::seconds(config.heartbeat_seconds)),
+        pool(bake_threads(config)),
+        jobs(data, store, scenes, pool, parts.bake,
+             JobLimits{config.max_running_jobs, config.max_queued_jobs}),
+        api(config, data, scenes, jobs, parts.check, pool.size()),
+        admin(admin_routes(data, store, [this] { return draining.load(); })) {
+    jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
+  }
+
+  ServerConfig config;
+  ServiceParts parts;
+  DataFolder data;
+  JobStore store;
+  SceneStore scenes;
+  Hub hub;
+  baker::ThreadPool pool;
+  JobService jobs;
+  Api api;
+  Router admin;
+  std::atomic<bool> draining{false};
+  std::unique_ptr<HttpServer> api_server, admin_server;
+
+  proto::Expected<void> listen() {
+    auto main = HttpServer::start(
+        {"api", config.listen, config.port, config.http_threads, parts.limits},
+        [this](Request& request) { return api.handle(request); }, hub);
+    if (!main) return proto::Unexpected(main.error());
+    api_server = std::move(*main);
+    constexpr unsigned kAdminThreads = 2;
+    auto second = HttpServer::start(
+        {"admin", config.listen, config.admin_port, kAdminThreads, parts.limits},
+        [this](Request& request) { return admin.route(request); }, hub);
+    if (!second) return proto::Unexpected(second.error());
+    admin_server = std::move(*second);
+    return {};
+  }
+};
+
+proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& config,
+                                                         ServiceParts parts) {
+  raise_descriptor_limit();
+  auto data = DataFolder::open(config.data);
+  if (!data) return proto::Unexpected(data.error());
+  std::unique_ptr<Impl> impl;
+  try {
+    impl = std::make_unique<Impl>(config, std::move(parts), std::move(*data));
+  } catch (const DatabaseError& e) {
+    return proto::fail(e.disk_full ? "storage_full" : "io_error", e.what());
+  }
+  if (auto listening = impl->listen(); !listening) {
+    impl->jobs.stop();
+    return proto::Unexpected(listening.error());
+  }
+  return std::unique_ptr<Service>(new Service(std::move(impl)));
+}
+
+Service::Service(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+
+Service::~Service() {
+  stop(std::chrono::milliseconds(0));
+}
+
+std::uint16_t Service::port() const {
+  return impl_->api_server->port();
+}
+std::uint16_t Service::admin_port() const {
+  return impl_->admin_server->port();
+}
+JobService& Service::jobs() {
+  return impl_->jobs;
+}
+
+void Service::begin_drain() {
+  if (impl_->draining.exchange(true)) return;
+  impl_->jobs.begin_drain();
+  impl_->hub.announce_draining();
+}
+
+bool Service::wait_idle(std::chrono::milliseconds time) {
+  return impl_->jobs.wait_idle(time);
+}
+
+void Service::stop(std::chrono::milliseconds grace) {
+  begin_drain();
+  impl_->jobs.stop();  // wakes waiting requests too
+  impl_->api_server->stop(grace);
+  impl_->hub.stop();
+  impl_->admin_server->stop(grace);
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+
+#include "proto/expected.h"
+#include "server/config.h"
+#include "server/http/api.h"
+#include "server/http/connection.h"
+#include "server/jobs/job_service.h"
+
+namespace kiln::server {
+
+/// What a service runs on: the baker, or stand-ins for tests, and limits that only tests change.
+struct ServiceParts {
+  BakeFunction bake;
+  CheckFunction check;
+  EdgeLimits limits;
+};
+
+/// The whole service in this process: store, queue, both ports. serve() is this plus signals.
+class Service {
+ public:
+  /// Errors: `data_folder_in_use`, `storage_full`, `io_error`, `cannot_listen`, `internal`.
+  static proto::Expected<std::unique_ptr<Service>> start(const ServerConfig&, ServiceParts);
+  ~Service();
+
+  std::uint16_t port() const;
+  std::uint16_t admin_port() const;
+  JobService& jobs();
+
+  /// Takes no more jobs and tells every event stream; answers other requests as before.
+  void begin_drain();
+  /// Whether the running jobs ended in time.
+  bool wait_idle(std::chrono::milliseconds);
+  /// Puts jobs that still run back into the queue, lets requests finish for up to `grace`, ends the
+  /// streams and closes both ports.
+  void stop(std::chrono::milliseconds grace);
+
+ private:
+  struct Impl;
+  explicit Service(std::unique_ptr<Impl>);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace kiln::server

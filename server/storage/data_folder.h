@@ -1,0 +1,46 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "proto/expected.h"
+#include "server/storage/files.h"
+
+namespace kiln::server {
+
+/// The service's folder. One server at a time owns it, by a lock that the kernel drops with the
+/// process.
+///   lock  jobs.db  scenes/<sha256>/  jobs/<id>/{checkpoints,results}/  tmp/
+class DataFolder {
+ public:
+  /// Creates what is missing, takes the lock and empties tmp/.
+  /// Errors: `data_folder_in_use`, `storage_full`, `io_error`.
+  static proto::Expected<DataFolder> open(const std::filesystem::path&);
+
+  const std::filesystem::path& root() const { return root_; }
+  std::filesystem::path database() const { return root_ / "jobs.db"; }
+  std::filesystem::path scenes() const { return root_ / "scenes"; }
+  std::filesystem::path temporary() const { return root_ / "tmp"; }
+  std::filesystem::path job(const std::string& id) const { return root_ / "jobs" / id; }
+  std::filesystem::path results(const std::string& id) const { return job(id) / "results"; }
+  std::filesystem::path checkpoints(const std::string& id) const { return job(id) / "checkpoints"; }
+
+  /// Creates a job's folders and empties the results that an earlier attempt left.
+  proto::Expected<void> make_job_folders(const std::string& id) const;
+  void remove_job(const std::string& id) const;
+
+  /// A new name in tmp/, unique within this process.
+  std::filesystem::path new_temporary() const;
+
+  /// Whether a small file can be written now.
+  bool writable() const;
+  double free_share() const;  ///< of the disk, 0..1
+
+ private:
+  DataFolder(std::filesystem::path root, Fd lock)
+      : root_(std::move(root)), lock_(std::move(lock)) {}
+  std::filesystem::path root_;
+  Fd lock_;
+};
+
+}  // namespace kiln::server

@@ -1,0 +1,144 @@
+#include "server/storage/scene_store.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+
+namespace kiln::server {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr std::uint64_t kMaxIndexBytes = 1 << 20;
+
+/// The importer goes by content; the suffix is for people who look into the folder.
+const char* main_name(const fs::path& file) {
+  std::array<char, 4> magic{};
+  std::ifstream(file, std::ios::binary).read(magic.data(), magic.size());
+  return std::string_view(magic.data(), magic.size()) == "glTF" ? "scene.glb" : "scene.gltf";
+}
+
+std::string side_name(std::size_t i) {
+  return "side_" + std::to_string(i);
+}
+
+void sort_by_name(std::vector<UploadedFile>& side) {
+  std::sort(side.begin(), side.end(),
+            [](const UploadedFile& a, const UploadedFile& b) { return a.name < b.name; });
+}
+
+proto::Expected<void> rename_path(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (!error) return {};
+  errno = error.value();
+  return storage_error("rename", from);
+}
+
+}  // namespace
+
+proto::Expected<SceneUpload> SceneUpload::create(const DataFolder& data) {
+  const fs::path folder = data.new_temporary();
+  std::error_code error;
+  fs::create_directory(folder, error);
+  if (error) {
+    errno = error.value();
+    return storage_error("create the folder", folder);
+  }
+  return SceneUpload(folder);
+}
+
+SceneUpload::~SceneUpload() {
+  std::error_code error;
+  if (!folder_.empty()) fs::remove_all(folder_, error);
+}
+
+fs::path SceneUpload::next_path() {
+  return folder_ / ("file_" + std::to_string(next_++));
+}
+
+baker::SceneFiles SceneUpload::files() const {
+  baker::SceneFiles files;
+  if (main) files.main = main->path;
+  for (const auto& file : side) files.side[file.name] = file.path;
+  return files;
+}
+
+SceneIdentity identify_scene(const std::string& main_sha256, std::vector<UploadedFile> side) {
+  sort_by_name(side);
+  SceneIdentity identity;
+  identity.index = main_sha256 + "  \n";
+  for (const auto& file : side) identity.index += file.sha256 + "  " + file.name + "\n";
+  if (side.empty()) {
+    identity.key = main_sha256;
+  } else {
+    Sha256 hash;
+    hash.update(identity.index);
+    identity.key = hash.hex();
+  }
+  return identity;
+}
+
+proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
+  const SceneIdentity identity = identify_scene(upload.main->sha256, upload.side);
+  if (auto known = find(identity.key)) return Put{std::move(*known), false};
+
+  sort_by_name(upload.side);
+  const fs::path main = upload.main->path;
+  if (auto ok = rename_path(main, upload.folder() / main_name(main)); !ok)
+    return proto::Unexpected(ok.error());
+  for (std::size_t i = 0; i < upload.side.size(); ++i)
+    if (auto ok = rename_path(upload.side[i].path, upload.folder() / side_name(i)); !ok)
+      return proto::Unexpected(ok.error());
+  if (auto ok = write_file_atomically(upload.folder() / "index", identity.index); !ok)
+    return proto::Unexpected(ok.error());
+
+  std::error_code error;
+  fs::rename(upload.folder(), data_.scenes() / identity.key, error);
+  const bool lost_race = error == std::errc::directory_not_empty || error == std::errc::file_exists;
+  if (error && !lost_race) {
+    errno = error.value();
+    return storage_error("rename", upload.folder());
+  }
+  if (auto ok = sync_folder(data_.scenes()); !ok) return proto::Unexpected(ok.error());
+  auto stored = find(identity.key);
+  if (!stored) return proto::Unexpected(stored.error());
+  return Put{std::move(*stored), !lost_race};
+}
+
+proto::Expected<StoredScene> SceneStore::find(const std::string& key) const {
+  const auto missing = [&] {
+    return proto::fail("not_found", "There is no scene sha256:" + key + ".");
+  };
+  if (!is_sha256(key)) return missing();
+  const fs::path folder = data_.scenes() / key;
+  std::error_code error;
+  if (!fs::exists(folder / "index", error)) return missing();
+  auto index = read_file(folder / "index", kMaxIndexBytes);
+  if (!index) return proto::Unexpected(index.error());
+
+  StoredScene scene;
+  scene.key = key;
+  std::istringstream lines(*index);
+  std::string line;
+  while (std::getline(lines, line)) {
+    if (line.size() < 66)
+      return proto::fail("internal", "The index of scene " + key + " is damaged.");
+    fs::path file;
+    if (scene.main_sha256.empty()) {
+      scene.main_sha256 = line.substr(0, 64);
+      const bool binary = fs::exists(folder / "scene.glb", error);
+      file = scene.files.main = folder / (binary ? "scene.glb" : "scene.gltf");
+    } else {
+      file = folder / side_name(scene.side_files++);
+      scene.files.side[line.substr(66)] = file;
+    }
+    scene.bytes += fs::file_size(file, error);
+    if (error) return proto::fail("internal", "A file of scene " + key + " is missing.");
+  }
+  return scene;
+}
+
+}  // namespace kiln::server

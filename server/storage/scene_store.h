@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "baker/scene/import.h"
+#include "proto/expected.h"
+#include "server/storage/data_folder.h"
+
+namespace kiln::server {
+
+/// A file that has arrived whole and lies in a SceneUpload's folder.
+struct UploadedFile {
+  std::string name;  ///< as the client sent it; "" for the main file
+  std::filesystem::path path;
+  std::uint64_t bytes = 0;
+  std::string sha256;
+};
+
+/// The files of one upload, in a folder of their own under tmp/ that goes with this object.
+class SceneUpload {
+ public:
+  static proto::Expected<SceneUpload> create(const DataFolder&);
+  SceneUpload(SceneUpload&&) noexcept = default;
+  SceneUpload& operator=(SceneUpload&&) = delete;
+  ~SceneUpload();
+
+  const std::filesystem::path& folder() const { return folder_; }
+  std::filesystem::path next_path();  ///< for the next file's content
+  baker::SceneFiles files() const;    ///< what the importer reads
+
+  std::optional<UploadedFile> main;
+  std::vector<UploadedFile> side;
+
+ private:
+  explicit SceneUpload(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  std::filesystem::path folder_;
+  int next_ = 0;
+};
+
+/// A stored scene: the main file and its side files. Immutable.
+struct StoredScene {
+  std::string key;  ///< 64 hexadecimal digits: the scene's name in the API
+  std::string main_sha256;
+  std::uint64_t bytes = 0;  ///< of all files together
+  std::uint64_t side_files = 0;
+  baker::SceneFiles files;
+};
+
+/// Scenes named by content. The key of a scene without side files is the SHA-256 of the file; with
+/// side files it is the SHA-256 of the text "<sha256 of main>  \n" followed by one line
+/// "<sha256>  <name>\n" per side file, sorted by name. That text is kept beside the files as
+/// `index`.
+class SceneStore {
+ public:
+  explicit SceneStore(const DataFolder& data) : data_(data) {}
+
+  struct Put {
+    StoredScene scene;
+    bool created = false;  ///< false: the content was known
+  };
+  /// Moves an upload in; durable when it returns. Callable from many threads.
+  proto::Expected<Put> put(SceneUpload&&) const;
+  /// Errors: `not_found`.
+  proto::Expected<StoredScene> find(const std::string& key) const;
+
+ private:
+  const DataFolder& data_;
+};
+
+/// The key and the index text of an upload, as described at SceneStore.
+struct SceneIdentity {
+  std::string key, index;
+};
+SceneIdentity identify_scene(const std::string& main_sha256, std::vector<UploadedFile> side);
+
+}  // namespace kiln::server

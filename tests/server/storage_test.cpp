@@ -1,0 +1,125 @@
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <csignal>
+#include <fstream>
+
+#include "folder.h"
+#include "server/jobs/ids.h"
+#include "server/storage/data_folder.h"
+#include "server/storage/scene_store.h"
+
+namespace kiln::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+UploadedFile write_file(SceneUpload& upload, const std::string& name, const std::string& content) {
+  auto file = HashingFile::create(upload.next_path());
+  EXPECT_TRUE(file && file->write(content));
+  const std::string hash = file->finish().value();
+  return {name, file->path(), content.size(), hash};
+}
+
+TEST(Files, HashesWhatItWrites) {
+  const TemporaryFolder folder;
+  auto file = HashingFile::create(folder.path() / "f");
+  ASSERT_TRUE(file->write("a"));
+  ASSERT_TRUE(file->write("bc"));
+  // FIPS 180-2, appendix B.1.
+  const char* expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+  EXPECT_EQ(file->finish().value(), expected);
+  EXPECT_EQ(digest_file(folder.path() / "f")->sha256, expected);
+  EXPECT_EQ(read_file(folder.path() / "f", 3).value(), "abc");
+  EXPECT_EQ(read_file(folder.path() / "f", 2).error().code, "limit_exceeded");
+}
+
+TEST(Files, AnAbandonedFileLeavesNothing) {
+  const TemporaryFolder folder;
+  { ASSERT_TRUE(HashingFile::create(folder.path() / "f")->write("abc")); }
+  EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(Files, AtomicWriteReplacesTheWholeContent) {
+  const TemporaryFolder folder;
+  ASSERT_TRUE(write_file_atomically(folder.path() / "f", "first"));
+  ASSERT_TRUE(write_file_atomically(folder.path() / "f", "2"));
+  EXPECT_EQ(read_file(folder.path() / "f", 100).value(), "2");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1);
+}
+
+TEST(DataFolder, BelongsToOneServerAtATime) {
+  const TemporaryFolder folder;
+  {
+    auto first = DataFolder::open(folder.path() / "data");
+    ASSERT_TRUE(first);
+    EXPECT_TRUE(first->writable());
+    EXPECT_GT(first->free_share(), 0);
+    auto second = DataFolder::open(folder.path() / "data");
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, "data_folder_in_use");
+    EXPECT_NE(second.error().message.find("data"), std::string::npos);
+    std::ofstream(first->temporary() / "left_over") << "x";
+  }
+  auto third = DataFolder::open(folder.path() / "data");
+  ASSERT_TRUE(third) << "the lock goes with its owner";
+  EXPECT_TRUE(fs::is_empty(third->temporary()));
+}
+
+TEST(SceneStore, NamesScenesByContent) {
+  const TemporaryFolder folder;
+  auto data = DataFolder::open(folder.path());
+  const SceneStore store(*data);
+  const auto put = [&](const std::string& main,
+                       std::vector<std::pair<std::string, std::string>> side) {
+    auto upload = SceneUpload::create(*data);
+    upload->main = write_file(*upload, "", main);
+    for (const auto& [name, content] : side)
+      upload->side.push_back(write_file(*upload, name, content));
+    return store.put(std::move(*upload)).value();
+  };
+  const auto alone = put("glTF...", {});
+  EXPECT_TRUE(alone.created);
+  EXPECT_EQ(alone.scene.key, alone.scene.main_sha256);
+  EXPECT_FALSE(put("glTF...", {}).created);
+
+  const auto bundle = put("{}", {{"b.png", "B"}, {"a.bin", "A"}});
+  EXPECT_NE(bundle.scene.key, bundle.scene.main_sha256);
+  EXPECT_EQ(bundle.scene.bytes, 4u);
+  EXPECT_FALSE(put("{}", {{"a.bin", "A"}, {"b.png", "B"}}).created) << "order does not matter";
+  EXPECT_TRUE(put("{}", {{"a.bin", "B"}, {"b.png", "A"}}).created) << "names matter";
+
+  const auto found = store.find(bundle.scene.key).value();
+  EXPECT_EQ(found.main_sha256, bundle.scene.main_sha256);
+  EXPECT_EQ(read_file(found.files.main, 10).value(), "{}");
+  EXPECT_EQ(read_file(found.files.side.at("a.bin"), 10).value(), "A");
+  EXPECT_EQ(read_file(found.files.side.at("b.png"), 10).value(), "B");
+  EXPECT_TRUE(fs::is_empty(data->temporary()));
+}
+
+TEST(SceneStore, FindsNothingUnderOtherNames) {
+  const TemporaryFolder folder;
+  auto data = DataFolder::open(folder.path());
+  const SceneStore store(*data);
+  for (const std::string& key : {std::string(64, '0'), std::string("../../etc"), std::string()})
+    EXPECT_EQ(store.find(key).error().code, "not_found");
+}
+
+TEST(Ids, AreLongAndSortByAge) {
+  std::string last;
+  for (int i = 0; i < 1000; ++i) {
+    const std::string id = new_id("job_");
+    EXPECT_TRUE(is_id(id, "job_")) << id;
+    EXPECT_LE(last.substr(0, 14), id.substr(0, 14));
+    EXPECT_NE(last, id);
+    last = id;
+  }
+  for (const char* bad :
+       {"", "job_", "job_../../../etc/passwd.......", "scn_01234567890123456789012345",
+        "job_0123456789012345678901234", "job_0123456789012345678901234A"})
+    EXPECT_FALSE(is_id(bad, "job_")) << bad;
+  EXPECT_EQ(now_rfc3339().size(), std::string("2026-01-01T00:00:00.000Z").size());
+}
+
+}  // namespace
+}  // namespace kiln::server
