@@ -46,15 +46,15 @@ enum class LightType { kDirectional, kPoint, kSpot, kRect };
 /// A light beside those of the glTF. World space, metres, glTF axes (+Y up).
 struct LightSettings {
   LightType type = LightType::kPoint;
-  std::array<float, 3> color{1, 1, 1};        ///< linear Rec. 709
-  float intensity = 1;                        ///< lx, cd, cd, cd/m2 by type
-  std::array<float, 3> position{0, 0, 0};     ///< not used by directional
-  std::array<float, 3> direction{0, -1, 0};   ///< where the light goes; not used by point
-  std::optional<float> range;                 ///< m, point and spot; null: unlimited
-  float inner_cone_angle = 0;                 ///< rad, spot
-  float outer_cone_angle = 0.7853982f;        ///< rad, spot
-  float width = 1;                            ///< m, rect
-  float height = 1;                           ///< m, rect
+  std::array<float, 3> color{1, 1, 1};       ///< linear Rec. 709
+  float intensity = 1;                       ///< lx, cd, cd, cd/m2 by type
+  std::array<float, 3> position{0, 0, 0};    ///< not used by directional
+  std::array<float, 3> direction{0, -1, 0};  ///< where the light goes; not used by point
+  std::optional<float> range;                ///< m, point and spot; null: unlimited
+  float inner_cone_angle = 0;                ///< rad, spot
+  float outer_cone_angle = 0.7853982f;       ///< rad, spot
+  float width = 1;                           ///< m, rect
+  float height = 1;                          ///< m, rect
 };
 
 struct PostSettings {
@@ -65,7 +65,7 @@ enum class Precision { kHalf, kFloat };
 
 struct OutputSettings {
   Precision precision = Precision::kHalf;
-  std::vector<std::string> layers{"irradiance"};         ///< irradiance, direct, indirect
+  std::vector<std::string> layers{"irradiance"};  ///< irradiance, direct, indirect
   std::vector<std::string> formats{"exr", "png", "glb"};
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
 };

@@ -7,8 +7,8 @@
 
 namespace kiln::proto {
 
-/// One place that is wrong. `source` says what the pointer points into: "scene" (the glTF document),
-/// "settings" (the settings object) or "request" (headers, query, multipart parts).
+/// One place that is wrong. `source` says what the pointer points into: "scene" (the glTF
+/// document), "settings" (the settings object) or "request" (headers, query, multipart parts).
 struct ErrorDetail {
   std::string source;
   std::string pointer;  ///< JSON pointer (RFC 6901), "" for the whole document

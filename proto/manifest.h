@@ -14,7 +14,7 @@ struct ResultFile {
   std::string name;        ///< "page_00.exr"
   std::string media_type;  ///< "image/x-exr"
   std::uint64_t bytes = 0;
-  std::string sha256;      ///< lower-case hex; the strong ETag
+  std::string sha256;  ///< lower-case hex; the strong ETag
 };
 
 struct PageInfo {
@@ -72,10 +72,10 @@ struct Warning {
 
 /// manifest.json: everything that a tool needs to use the result, and to repeat it.
 struct Manifest {
-  std::string version;        ///< of lightkiln
-  std::string scene_sha256;   ///< of the main scene file
+  std::string version;       ///< of lightkiln
+  std::string scene_sha256;  ///< of the main scene file
   std::string instruction_set;
-  BakeSettings settings;      ///< with every default filled in
+  BakeSettings settings;  ///< with every default filled in
   std::vector<PageInfo> pages;
   std::vector<NodePlacement> nodes;
   std::vector<ResultFile> files;

@@ -1,3 +1,5 @@
 #include "server/cli/commands.h"
 
-int main(int argc, char** argv) { return kiln::cli::run_program(argc, argv); }
+int main(int argc, char** argv) {
+  return kiln::cli::run_program(argc, argv);
+}

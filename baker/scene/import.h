@@ -13,8 +13,8 @@
 namespace kiln::baker {
 
 /// The files of one upload. `side` is keyed by the name that came with each file; a URI in the glTF
-/// matches the whole name, or else the last path component where exactly one file has it (curl sends
-/// no folders). Nothing outside these files is ever opened.
+/// matches the whole name, or else the last path component where exactly one file has it (curl
+/// sends no folders). Nothing outside these files is ever opened.
 struct SceneFiles {
   std::filesystem::path main;
   std::map<std::string, std::filesystem::path> side;
@@ -33,9 +33,9 @@ struct ImportLimits {
   std::uint32_t lights = 100'000;
 };
 
-/// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and that
-/// something can be baked. Fast enough for a request (50 MB within a second).
-/// Errors: `invalid_scene` (pointer into the glTF), `unsupported_extension`, `missing_file`,
+/// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and
+/// that something can be baked. Fast enough for a request (50 MB within a second). Errors:
+/// `invalid_scene` (pointer into the glTF), `unsupported_extension`, `missing_file`,
 /// `nothing_to_bake`, `no_light`, `limit_exceeded`, `canceled`.
 proto::Expected<void> check_scene(const SceneFiles&, const proto::BakeSettings&,
                                   const ImportLimits& = {}, std::stop_token = {});

@@ -16,12 +16,14 @@ const std::array<float, 256> kSrgbToLinear = make_srgb_table();
 /// Texel index for any integer coordinate [glTF 2.0, 5.26: wrap modes].
 std::uint32_t wrap_index(std::int64_t i, std::int64_t n, Wrap wrap) {
   switch (wrap) {
-    case Wrap::kClamp: return std::uint32_t(std::clamp<std::int64_t>(i, 0, n - 1));
+    case Wrap::kClamp:
+      return std::uint32_t(std::clamp<std::int64_t>(i, 0, n - 1));
     case Wrap::kMirror: {
       const std::int64_t m = ((i % (2 * n)) + 2 * n) % (2 * n);
       return std::uint32_t(m < n ? m : 2 * n - 1 - m);
     }
-    case Wrap::kRepeat: break;
+    case Wrap::kRepeat:
+      break;
   }
   return std::uint32_t(((i % n) + n) % n);
 }
@@ -32,7 +34,9 @@ Rgb texel_rgb(const Scene& scene, const Image& image, std::uint32_t x, std::uint
 }
 
 /// Keeps texture coordinates in a range where a float still tells texels apart.
-float bounded(float v) { return std::isfinite(v) ? std::clamp(v, -65536.f, 65536.f) : 0.f; }
+float bounded(float v) {
+  return std::isfinite(v) ? std::clamp(v, -65536.f, 65536.f) : 0.f;
+}
 
 Rgb sample(const Scene& scene, const Texture& texture, Vec2 uv) {
   if (texture.image < 0) return {1, 1, 1};
@@ -55,7 +59,9 @@ Vec2 interpolate_uv(const std::vector<Vec2>& uv, const std::array<std::uint32_t,
 
 }  // namespace
 
-float srgb_to_linear(std::uint8_t code) { return kSrgbToLinear[code]; }
+float srgb_to_linear(std::uint8_t code) {
+  return kSrgbToLinear[code];
+}
 
 Vec3 position_at(const Scene& scene, std::uint32_t triangle, Bary t) {
   const auto& v = scene.triangles[triangle];
@@ -71,8 +77,8 @@ Vec3 geometric_normal(const Scene& scene, std::uint32_t triangle) {
 Vec3 shading_normal(const Scene& scene, std::uint32_t triangle, Bary t) {
   const auto& v = scene.triangles[triangle];
   const Vec3 ng = geometric_normal(scene, triangle);
-  const Vec3 ns = normalize(
-      interpolate(scene.normals[v[0]], scene.normals[v[1]], scene.normals[v[2]], t), ng);
+  const Vec3 ns =
+      normalize(interpolate(scene.normals[v[0]], scene.normals[v[1]], scene.normals[v[2]], t), ng);
   return dot(ns, ng) < 0 ? -ns : ns;
 }
 

@@ -45,8 +45,8 @@ struct Material {
 /// instance; a primitive that holds no triangle (points, lines, all degenerate) has no part.
 struct Part {
   std::uint32_t instance = 0;
-  std::uint32_t primitive = 0;  ///< index in the glTF mesh
-  std::uint32_t material = 0;   ///< into Scene::materials
+  std::uint32_t primitive = 0;                       ///< index in the glTF mesh
+  std::uint32_t material = 0;                        ///< into Scene::materials
   std::uint32_t first_vertex = 0, vertex_count = 0;  ///< see Scene::source_vertex
   std::uint32_t first_triangle = 0, triangle_count = 0;
   bool has_lightmap_uv = false;  ///< the primitive has TEXCOORD_1
@@ -66,10 +66,10 @@ enum class PunctualType : std::uint8_t { kDirectional, kPoint, kSpot };
 /// KHR_lights_punctual, in world space.
 struct PunctualLight {
   PunctualType type = PunctualType::kPoint;
-  Rgb intensity;       ///< colour * intensity: lx (directional) or cd
-  Vec3 position;       ///< m
-  Vec3 direction{0, 0, -1};  ///< unit, the way the light goes
-  float range = 0;     ///< m; 0: unlimited
+  Rgb intensity;                       ///< colour * intensity: lx (directional) or cd
+  Vec3 position;                       ///< m
+  Vec3 direction{0, 0, -1};            ///< unit, the way the light goes
+  float range = 0;                     ///< m; 0: unlimited
   float cos_inner = 1, cos_outer = 0;  ///< spot cone
 };
 
@@ -84,15 +84,15 @@ struct RectLight {
 /// by import or by a generator, then never changed.
 struct Scene {
   std::vector<Vec3> positions;
-  std::vector<Vec3> normals;        ///< unit; flat normals were made where the source has none
-  std::vector<Vec2> base_uv;        ///< of the material's base texture, KHR_texture_transform applied
-  std::vector<Vec2> emission_uv;    ///< of the material's emission texture, likewise
-  std::vector<Vec2> lightmap_uv;    ///< TEXCOORD_1; (0,0) where the part has none
+  std::vector<Vec3> normals;      ///< unit; flat normals were made where the source has none
+  std::vector<Vec2> base_uv;      ///< of the material's base texture, KHR_texture_transform applied
+  std::vector<Vec2> emission_uv;  ///< of the material's emission texture, likewise
+  std::vector<Vec2> lightmap_uv;  ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
-  /// Which element of the glTF primitive's accessors each vertex came from. A part holds the vertices
-  /// that its triangles use and no others: in ascending order of this, each once; or, where the
-  /// primitive has no normals, three for each triangle in turn, so that faces are flat. Two faces of
-  /// one part are joined where they share source vertices, not scene vertices.
+  /// Which element of the glTF primitive's accessors each vertex came from. A part holds the
+  /// vertices that its triangles use and no others: in ascending order of this, each once; or,
+  /// where the primitive has no normals, three for each triangle in turn, so that faces are flat.
+  /// Two faces of one part are joined where they share source vertices, not scene vertices.
   std::vector<std::uint32_t> source_vertex;
 
   /// Vertex indices; counter-clockwise seen from the front (a mirrored node's were swapped).
