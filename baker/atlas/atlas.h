@@ -57,8 +57,12 @@ struct Atlas {
   }
 };
 
-/// Uses TEXCOORD_1 where it is a valid lightmap parameterisation, unwraps otherwise.
-/// Errors: `invalid_lightmap_uv` (unwrap = existing), `atlas_full`, `canceled`.
+/// Uses TEXCOORD_1 where it is a valid lightmap parameterisation, unwraps otherwise. Valid: finite,
+/// in [0, 1], faces have area, none overlap, no connected piece folds over itself (a piece mirrored
+/// as a whole is valid). When all instances are valid and lie on one page without overlap, that
+/// page is taken as it is and `texels_per_metre` does not apply; beside unwrapped instances such a
+/// group keeps its shape and is scaled as one; otherwise each valid instance gets a rectangle of
+/// its own. Errors: `invalid_lightmap_uv` (unwrap = existing), `atlas_full`, `canceled`.
 proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&, std::stop_token = {});
 
 }  // namespace kiln::baker

@@ -69,7 +69,13 @@ struct TextureGroup {
 
 /// Rasterises the atlas: exact clipping of triangles against texel squares, so that a texel which a
 /// triangle only touches is included. A texel that several charts touch belongs to the one that
-/// covers most of it.
+/// covers most of it; the area of the others there goes to their own nearest texel within two
+/// steps, or else to the texel's owner, so that areas sum to the surface's. A triangle without area
+/// on the page has no texel: its area goes to its chart's nearest texel within two steps, if there
+/// is one, and a look-up on it reads its neighbours. `position`, normals and `triangle` belong
+/// together: they are of the triangle that covers most, at its nearest point to the footprint's
+/// centroid. Errors: `limit_exceeded` (2^25 pieces of triangles in eight rows of a page),
+/// `canceled`.
 proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {});
 
 }  // namespace kiln::baker
