@@ -27,7 +27,7 @@ TEST(Head, ReadsPathQueryAndHeaders) {
 
 TEST(Head, RefusesWhatTwoReadersCouldReadDifferently) {
   const std::string post = "POST / HTTP/1.1\r\nHost: x\r\n";
-  for (const std::string bytes : {
+  for (const std::string& bytes : {
            post + "Content-Length: 3\r\nContent-Length: 4\r\n\r\n",
            post + "Content-Length: 3\r\nContent-Length: 3\r\n\r\n",
            post + "Content-Length: 3\r\nTransfer-Encoding: chunked\r\n\r\n",

@@ -44,7 +44,7 @@ std::string part(const std::string& disposition, const std::string& data) {
 }
 
 TEST(Multipart, FindsPartsWhateverThePieces) {
-  const std::string tricky = "a\r\n--Bx\r\n-\r\n--\r\n\0z" + std::string("\r\n--");
+  const std::string tricky = "a\r\n--x\r\n-\r\n--\r\n--b\r\n\0z" + std::string("\r\n--");
   const std::string body = part("name=\"scene\"; filename=\"a.glb\"", tricky) +
                            part("name=\"empty\"", "") + part("name=settings", "{}") + "--B--\r\n";
   for (std::size_t piece = 1; piece <= body.size(); ++piece) {

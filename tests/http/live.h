@@ -1,0 +1,67 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/fake_bake.h"
+#include "server/folder.h"
+#include "server/service.h"
+
+namespace kiln::server {
+
+/// A service in this process, on free ports and a folder of its own.
+struct Live {
+  TemporaryFolder folder;
+  std::unique_ptr<Service> service;
+
+  explicit Live(BakeFunction bake, ServerConfig config = {}, EdgeLimits limits = {},
+                CheckFunction check = {});
+  std::uint16_t port() const { return service->port(); }
+};
+
+/// A blocking TCP client: says exactly the bytes it is told.
+class Wire {
+ public:
+  explicit Wire(std::uint16_t port);
+  ~Wire();
+  Wire(Wire&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
+  Wire& operator=(Wire&&) = delete;
+
+  bool connected() const { return fd_ >= 0; }
+  bool send(std::string_view bytes) const;
+  /// Reads until `until` has been seen, the peer closed, or the time is up.
+  std::string read(const std::string& until = {},
+                   std::chrono::milliseconds time = std::chrono::seconds(5)) const;
+  /// Whether the peer closes within the time.
+  bool closed(std::chrono::milliseconds time) const;
+
+ private:
+  int fd_ = -1;
+};
+
+struct Answer {
+  int status = 0;
+  std::map<std::string, std::string> headers;  ///< names in lower case
+  std::string body;
+};
+
+/// One request on a connection of its own.
+Answer ask(std::uint16_t port, const std::string& method, const std::string& target,
+           const std::vector<std::string>& headers = {}, const std::string& body = {});
+
+/// A multipart/form-data body with boundary `B`; parts: (disposition, content).
+std::string form(const std::vector<std::pair<std::string, std::string>>& parts);
+inline const std::string kForm = "Content-Type: multipart/form-data; boundary=B";
+
+/// Posts a job of a scene that fakes accept; returns its id.
+std::string post_job(std::uint16_t port);
+/// The value of `key` in a JSON object's text.
+std::string member(const std::string& json, const std::string& key);
+/// Waits for a state; returns the last one seen.
+std::string wait_for_state(std::uint16_t port, const std::string& id, const std::string& state);
+
+}  // namespace kiln::server

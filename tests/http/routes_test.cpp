@@ -1,0 +1,213 @@
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+
+#include "live.h"
+
+namespace kiln::server {
+namespace {
+
+TEST(Routes, AJobFromUploadToDownload) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const std::string path = "/v1/jobs/" + post_job(live.port());
+  const Answer done = ask(live.port(), "GET", path + "?wait=20");
+  EXPECT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const std::string tag = "If-None-Match: " + done.headers.at("etag");
+  EXPECT_EQ(ask(live.port(), "GET", path, {tag}).status, 304);
+  const Answer list = ask(live.port(), "GET", path + "/results");
+  EXPECT_NE(list.body.find(path + "/results/page_00.exr"), std::string::npos) << list.body;
+  EXPECT_EQ(ask(live.port(), "GET", path + "/results/..%2fmanifest.json").status, 404);
+  EXPECT_EQ(ask(live.port(), "GET", path + "/results/page_01.exr").status, 404);
+  EXPECT_EQ(ask(live.port(), "DELETE", path).status, 204);
+  EXPECT_EQ(ask(live.port(), "GET", path).status, 404);
+}
+
+TEST(Routes, ResultsHaveTagsAndRanges) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const std::string path = "/v1/jobs/" + post_job(live.port());
+  ask(live.port(), "GET", path + "?wait=20");
+  const auto get = [&](const std::vector<std::string>& headers, const char* method = "GET") {
+    return ask(live.port(), method, path + "/results/page_00.exr", headers);
+  };
+  const Answer file = get({});
+  EXPECT_EQ(file.status, 200);
+  EXPECT_EQ(file.body, std::string(100'000, 'p'));
+  EXPECT_EQ(file.headers.at("content-type"), "image/x-exr");
+  const std::string etag = file.headers.at("etag");
+  EXPECT_EQ(etag.size(), 66u) << "SHA-256 in quotes";
+  const Answer part = get({"Range: bytes=99990-200000"});
+  EXPECT_EQ(part.status, 206);
+  EXPECT_EQ(part.body.size(), 10u);
+  EXPECT_EQ(part.headers.at("content-range"), "bytes 99990-99999/100000");
+  const Answer beyond = get({"Range: bytes=100000-"});
+  EXPECT_EQ(beyond.status, 416);
+  EXPECT_EQ(beyond.headers.at("content-range"), "bytes */100000");
+  EXPECT_EQ(get({"Range: bytes=0-1,3-4"}).status, 416);
+  EXPECT_EQ(get({"Range: bytes=0-1", "If-Range: " + etag}).status, 206);
+  EXPECT_EQ(get({"Range: bytes=0-1", "If-Range: \"old\""}).body.size(), 100'000u);
+  const Answer unchanged = get({"If-None-Match: " + etag});
+  EXPECT_EQ(unchanged.status, 304);
+  EXPECT_TRUE(unchanged.body.empty());
+  const Answer head = get({}, "HEAD");
+  EXPECT_EQ(head.headers.at("content-length"), "100000");
+  EXPECT_TRUE(head.body.empty());
+}
+
+TEST(Routes, ScenesAreUploadedOnce) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const std::vector<std::string> type{"Content-Type: model/gltf-binary"};
+  const Answer created = ask(live.port(), "POST", "/v1/scenes", type, "glTF1");
+  EXPECT_EQ(created.status, 201) << created.body;
+  EXPECT_EQ(ask(live.port(), "POST", "/v1/scenes", type, "glTF1").status, 200);
+  EXPECT_EQ(ask(live.port(), "HEAD", created.headers.at("location")).status, 200);
+  EXPECT_EQ(ask(live.port(), "HEAD", "/v1/scenes/sha256:" + std::string(64, '0')).status, 404);
+  const Answer job =
+      ask(live.port(), "POST", "/v1/jobs", {"Content-Type: application/json"},
+          "{\"scene\":\"" + member(created.body, "id") + "\",\"settings\":{\"solver\":{}}}");
+  EXPECT_EQ(job.status, 202) << job.body;
+  const std::string id = member(job.body, "id");
+  EXPECT_EQ(wait_for_state(live.port(), id, "succeeded"), "succeeded");
+  const Answer list = ask(live.port(), "GET", "/v1/jobs?limit=1&state=succeeded");
+  EXPECT_NE(list.body.find(id), std::string::npos);
+}
+
+struct BadRequest {
+  std::string method, target;
+  std::vector<std::string> headers;
+  std::string body;
+  int status;
+  std::string code, pointer;
+};
+
+void expect_problem(std::uint16_t port, const BadRequest& bad) {
+  const Answer answer = ask(port, bad.method, bad.target, bad.headers, bad.body);
+  const std::string what = bad.method + " " + bad.target + " " + bad.body.substr(0, 200);
+  ASSERT_EQ(answer.status, bad.status) << what << "\n" << answer.body;
+  EXPECT_EQ(answer.headers.at("content-type"), "application/problem+json") << what;
+  EXPECT_EQ(member(answer.body, "code"), bad.code) << what;
+  EXPECT_EQ(member(answer.body, "request_id"), answer.headers.at("x-request-id")) << what;
+  if (bad.pointer.empty()) return;
+  EXPECT_NE(answer.body.find("\"" + bad.pointer + "\""), std::string::npos) << answer.body;
+}
+
+TEST(Routes, EveryErrorIsAProblem) {
+  FakeBake fake;
+  ServerConfig config;
+  config.max_upload_bytes = 1000;
+  const Live live(fake.instant(), config);
+  const std::vector<std::string> json{"Content-Type: application/json"};
+  const std::pair<std::string, std::string> scene{"name=\"scene\"; filename=\"a.glb\"", "glTF"};
+  const auto settings = [&](const char* text) {
+    return form({scene, {"name=\"settings\"", text}});
+  };
+  const std::string none = "/v1/jobs/job_" + std::string(26, '0'), post = "POST", jobs = "/v1/jobs";
+  for (const BadRequest& bad : std::vector<BadRequest>{
+           {"GET", "/nothing", {}, "", 404, "not_found", ""},
+           {post, "/v1/capabilities", {}, "", 405, "method_not_allowed", ""},
+           {"PUT", jobs, {}, "", 405, "method_not_allowed", ""},
+           {"GET", none, {}, "", 404, "not_found", ""},
+           {"GET", none + "/events", {}, "", 404, "not_found", ""},
+           {"GET", "/v1/jobs/..%2f..%2fetc", {}, "", 404, "not_found", ""},
+           {"GET", none + "?wait=soon", {}, "", 400, "bad_request", "/query/wait"},
+           {"GET", "/v1/jobs?state=odd", {}, "", 400, "bad_request", "/query/state"},
+           {"GET", "/v1/jobs?limit=1000", {}, "", 400, "bad_request", "/query/limit"},
+           {post, jobs, json, "{", 400, "invalid_json", ""},
+           {post, jobs, json, "{\"scene\":\"x\"}", 422, "invalid_request", "/scene"},
+           {post, jobs, json, "{\"sceen\":\"x\"}", 422, "invalid_request", "/sceen"},
+           {post, jobs, {"Content-Type: text/plain"}, "x", 415, "unsupported_media_type", ""},
+           {post, jobs, {kForm, "Content-Encoding: gzip"}, "x", 415, "unsupported_media_type", ""},
+           {post, jobs, {kForm}, "garbage", 400, "bad_request", ""},
+           {post,
+            jobs,
+            {kForm},
+            form({{"name=\"settings\"", "{}"}}),
+            422,
+            "invalid_request",
+            "/scene"},
+           {post,
+            jobs,
+            {kForm},
+            form({scene, {"name=\"odd\"", "x"}}),
+            422,
+            "invalid_request",
+            "/odd"},
+           {post, jobs, {kForm}, form({scene, scene}), 422, "invalid_request", "/scene"},
+           {post,
+            jobs,
+            {kForm},
+            settings("{\"solver\":{\"samples\":\"many\"}}"),
+            422,
+            "invalid_settings",
+            "/solver/samples"},
+           {post,
+            jobs,
+            {kForm},
+            settings("{\"solver\":{\"sampels\":1}}"),
+            422,
+            "invalid_settings",
+            "/solver/sampels"},
+           {post, jobs, {kForm}, std::string(2000, 'x'), 413, "payload_too_large", ""},
+       })
+    expect_problem(live.port(), bad);
+  const Answer wrong = ask(live.port(), "POST", "/v1/capabilities");
+  EXPECT_EQ(wrong.headers.at("allow"), "GET, HEAD, OPTIONS");
+  EXPECT_EQ(ask(live.service->admin_port(), "GET", "/readyz").status, 200);
+  EXPECT_EQ(ask(live.service->admin_port(), "GET", "/healthz").status, 200);
+  EXPECT_EQ(ask(live.port(), "GET", "/v1/capabilities").status, 200);
+}
+
+TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {
+  FakeBake fake;
+  std::vector<std::string> names;
+  const Live live(
+      fake.instant(), {}, {}, [&](const baker::SceneFiles& files, const proto::BakeSettings&) {
+        for (const auto& [name, path] : files.side) names.push_back(name);
+        return proto::Expected<void>(proto::fail("invalid_scene", "Odd.", "scene", "/nodes/3"));
+      });
+  const Answer answer = ask(live.port(), "POST", "/v1/jobs", {kForm},
+                            form({{"name=\"f\"; filename=\"b.bin\"", "1"},
+                                  {"name=\"scene\"; filename=\"a.gltf\"", "{}"},
+                                  {"name=\"file\"; filename=\"dir/t.png\"", "2"}}));
+  EXPECT_EQ(answer.status, 422);
+  EXPECT_EQ(member(answer.body, "code"), "invalid_scene");
+  EXPECT_NE(answer.body.find("/nodes/3"), std::string::npos);
+  EXPECT_EQ(names, (std::vector<std::string>{"b.bin", "dir/t.png"}));
+  EXPECT_TRUE(std::filesystem::is_empty(live.folder.path() / "data" / "tmp"));
+  EXPECT_TRUE(std::filesystem::is_empty(live.folder.path() / "data" / "scenes"));
+}
+
+TEST(Routes, AnExceptionIsAProblemWithoutItsText) {
+  FakeBake fake;
+  const Live live(
+      fake.instant(), {}, {},
+      [](const baker::SceneFiles&, const proto::BakeSettings&) -> proto::Expected<void> {
+        throw std::runtime_error("secret");
+      });
+  const Answer answer = ask(live.port(), "POST", "/v1/scenes", {}, "glTF");
+  EXPECT_EQ(answer.status, 500);
+  EXPECT_EQ(member(answer.body, "code"), "internal");
+  EXPECT_EQ(answer.body.find("secret"), std::string::npos);
+}
+
+TEST(Routes, CancelAndNotReady) {
+  FakeBake fake;
+  const Live live(fake.holding());
+  const std::string id = post_job(live.port()), path = "/v1/jobs/" + id;
+  EXPECT_EQ(wait_for_state(live.port(), id, "running"), "running");
+  for (const char* what : {"/results", "/results/page_00.exr", "/preview"}) {
+    const Answer early = ask(live.port(), "GET", path + what);
+    EXPECT_EQ(early.status, 425) << what;
+    EXPECT_TRUE(early.headers.contains("retry-after"));
+  }
+  EXPECT_EQ(ask(live.port(), "DELETE", path).status, 409);
+  EXPECT_EQ(ask(live.port(), "POST", path + "/cancel").status, 202);
+  EXPECT_EQ(member(ask(live.port(), "GET", path + "?wait=10").body, "state"), "canceled");
+  EXPECT_EQ(ask(live.port(), "POST", path + "/cancel").status, 200);
+  EXPECT_EQ(ask(live.port(), "GET", path + "/results").status, 404);
+}
+
+}  // namespace
+}  // namespace kiln::server

@@ -1,0 +1,185 @@
+#include "server/jobs/job_service.h"
+
+#include <gtest/gtest.h>
+
+#include <new>
+#include <optional>
+#include <stdexcept>
+
+#include "fake_bake.h"
+#include "folder.h"
+
+namespace kiln::server {
+namespace {
+
+using namespace std::chrono_literals;
+using proto::JobState;
+
+/// A queue on a folder of its own, which can be torn down and started again on the same data.
+class JobServiceTest : public ::testing::Test {
+ protected:
+  struct Process {
+    DataFolder data;
+    JobStore store;
+    SceneStore scenes;
+    baker::ThreadPool pool{1};
+    JobService jobs;
+    Process(const std::filesystem::path& path, const BakeFunction& bake, JobLimits limits)
+        : data(DataFolder::open(path).value()),
+          store(data.database()),
+          scenes(data),
+          jobs(data, store, scenes, pool, bake, limits) {}
+  };
+
+  void start(const BakeFunction& bake, JobLimits limits = {}) {
+    process_.reset();
+    process_.emplace(folder_.path(), bake, limits);
+  }
+  JobService& jobs() { return process_->jobs; }
+
+  StoredScene scene() {
+    auto upload = SceneUpload::create(process_->data);
+    auto file = HashingFile::create(upload->next_path());
+    EXPECT_TRUE(file->write("glTF"));
+    const std::string hash = file->finish().value();
+    upload->main = UploadedFile{"", file->path(), 4, hash};
+    return process_->scenes.put(std::move(*upload))->scene;
+  }
+  std::string submit() { return jobs().submit(scene(), {}).value().id; }
+  proto::Job wait(const std::string& id) { return jobs().wait(id, 20s).value(); }
+  /// Waits until the job is in `state`.
+  void reach(const std::string& id, JobState state) {
+    for (int i = 0; i < 2000; ++i) {
+      if (jobs().get(id)->state == state) return;
+      std::this_thread::sleep_for(5ms);
+    }
+    FAIL() << "the job did not get there";
+  }
+  std::vector<proto::Event> events(const std::string& id) {
+    return jobs().events(id)->after(0).events;
+  }
+  static void expect_no_holes(const std::vector<proto::Event>& events) {
+    for (std::size_t i = 0; i < events.size(); ++i) EXPECT_EQ(events[i].id, i + 1);
+  }
+
+  TemporaryFolder folder_;
+  FakeBake fake_;
+  std::optional<Process> process_;
+};
+
+TEST_F(JobServiceTest, RunsAJobToItsEnd) {
+  start(fake_.instant());
+  const std::string id = submit();
+  const proto::Job job = wait(id);
+  EXPECT_EQ(job.state, JobState::kSucceeded);
+  EXPECT_DOUBLE_EQ(job.progress.fraction, 1);
+  EXPECT_FALSE(job.finished_at.empty());
+  const auto files = jobs().results(id);
+  ASSERT_EQ(files.size(), 2u);
+  EXPECT_EQ(files[1].name, "manifest.json");
+  const auto seen = events(id);
+  expect_no_holes(seen);
+  EXPECT_EQ(seen.front().type, "job.state");
+  EXPECT_EQ(seen.back().type, "job.end");
+  EXPECT_EQ(std::count_if(seen.begin(), seen.end(),
+                          [](const auto& e) { return e.type == "pass.completed"; }),
+            3);
+}
+
+TEST_F(JobServiceTest, RunsAsManyAsAllowedAndOldestFirst) {
+  start(fake_.holding(), {2, 10});
+  std::vector<std::string> ids;
+  for (int i = 0; i < 4; ++i) ids.push_back(submit());
+  reach(ids[0], JobState::kRunning);
+  reach(ids[1], JobState::kRunning);
+  EXPECT_EQ(fake_.started, 2);
+  EXPECT_EQ(jobs().counts().queued, 2u);
+  EXPECT_EQ(jobs().get(ids[2])->state, JobState::kQueued);
+  fake_.go = true;
+  for (const auto& id : ids) EXPECT_EQ(wait(id).state, JobState::kSucceeded);
+}
+
+TEST_F(JobServiceTest, BoundsTheQueue) {
+  start(fake_.holding(), {1, 2});
+  const std::string first = submit();
+  reach(first, JobState::kRunning);
+  submit();
+  submit();
+  EXPECT_EQ(jobs().submit(scene(), {}).error().code, "queue_full");
+  EXPECT_EQ(jobs().accepting().error().code, "queue_full");
+  fake_.go = true;
+}
+
+TEST_F(JobServiceTest, CancelsWithinASecond) {
+  start(fake_.holding(), {1, 10});
+  const std::string running = submit(), queued = submit();
+  reach(running, JobState::kRunning);
+  EXPECT_EQ(jobs().cancel(queued)->state, JobState::kCancelled) << "a queued job ends at once";
+  const auto before = std::chrono::steady_clock::now();
+  EXPECT_EQ(jobs().cancel(running)->state, JobState::kCanceling);
+  EXPECT_EQ(wait(running).state, JobState::kCancelled);
+  EXPECT_LT(std::chrono::steady_clock::now() - before, 1s);
+  EXPECT_EQ(jobs().cancel(running)->state, JobState::kCancelled) << "again: no change";
+  EXPECT_EQ(events(running).back().type, "job.end");
+}
+
+TEST_F(JobServiceTest, CoalescesProgress) {
+  start(fake_.holding());
+  const std::string id = submit();
+  reach(id, JobState::kRunning);
+  std::this_thread::sleep_for(1s);  // the fake reports up to 200 times a second
+  const auto seen = events(id);
+  const auto progress = std::count_if(seen.begin(), seen.end(),
+                                      [](const auto& e) { return e.type == "job.progress"; });
+  EXPECT_GE(progress, 2);
+  EXPECT_LE(progress, 7);
+  EXPECT_GT(jobs().get(id)->progress.batches_done, 5u) << "the job itself is up to date";
+  fake_.go = true;
+}
+
+TEST_F(JobServiceTest, AFaultFailsThatJobOnly) {
+  start(FakeBake::throwing([] { throw std::bad_alloc(); }));
+  EXPECT_EQ(wait(submit()).error->code, "out_of_memory");
+  start(FakeBake::throwing([] { throw std::runtime_error("secret path"); }));
+  const proto::Job job = wait(submit());
+  EXPECT_EQ(job.error->code, "internal");
+  EXPECT_EQ(job.error->message.find("secret"), std::string::npos);
+  start(FakeBake::throwing([] { throw 1; }));
+  EXPECT_EQ(wait(submit()).error->code, "internal");
+  start(fake_.instant());
+  EXPECT_EQ(wait(submit()).state, JobState::kSucceeded);
+}
+
+TEST_F(JobServiceTest, DeletesOnlyWhatIsOver) {
+  start(fake_.holding());
+  const std::string id = submit();
+  reach(id, JobState::kRunning);
+  EXPECT_EQ(jobs().remove(id, false).error().code, "job_not_terminal");
+  EXPECT_TRUE(jobs().remove(id, true));
+  EXPECT_EQ(jobs().get(id).error().code, "not_found");
+  EXPECT_EQ(jobs().events(id), nullptr);
+  EXPECT_FALSE(std::filesystem::exists(process_->data.job(id)));
+  EXPECT_EQ(jobs().remove(id, false).error().code, "not_found");
+}
+
+TEST_F(JobServiceTest, ADrainPutsRunningJobsBackIntoTheQueue) {
+  start(fake_.holding(), {1, 10});
+  const std::string running = submit(), queued = submit();
+  reach(running, JobState::kRunning);
+  jobs().begin_drain();
+  EXPECT_EQ(jobs().submit(scene(), {}).error().code, "draining");
+  EXPECT_FALSE(jobs().wait_idle(50ms));
+  const auto before = jobs().get(running)->version;
+  jobs().stop();
+  EXPECT_EQ(jobs().get(running)->state, JobState::kQueued);
+  start(fake_.instant());
+  const proto::Job again = wait(running);
+  EXPECT_EQ(again.state, JobState::kSucceeded);
+  EXPECT_EQ(again.attempt, 2u);
+  EXPECT_GT(again.version, before);
+  EXPECT_EQ(wait(queued).attempt, 1u);
+  expect_no_holes(events(running));
+}
+
+}  // namespace
+}  // namespace kiln::server
