@@ -32,7 +32,7 @@ int run_program(int argc, char** argv) {
   app.set_version_flag("--version", "lightkiln " LIGHTKILN_VERSION);
   app.get_formatter()->column_width(34);
   Run run;
-  for (const auto add : {add_bake, add_scene, add_compare, add_submit, add_status,
+  for (const auto add : {add_serve, add_bake, add_scene, add_compare, add_submit, add_status,
                          add_watch, add_cancel, add_fetch, add_settings, add_version})
     add(app, run);
   if (argc < 2) {
