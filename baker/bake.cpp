@@ -145,7 +145,7 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
                       std::shared_ptr<const Lightmap> light) -> Expected<void> {
     work_done += pass.work;
-    residual = report.residual;
+    if (report.residual > 0) residual = report.residual;  // tracing alone changes no light
     passes.push_back(report);
     observer.on_pass(report);
     if (!input.checkpoint_dir.empty())

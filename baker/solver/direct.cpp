@@ -106,7 +106,9 @@ Rgb area_light(const SolverInput& in, const Footprint& at, const LightDistributi
     while (l + 1 < lights.probability.size() && position >= below + lights.probability[l])
       below += lights.probability[l++];
     if (!(lights.probability[l] > 0)) continue;
-    const std::uint32_t i = (k ^ point_flip) % Footprint::kPoints;
+    // Runs of four and strides of four both spread over the footprint: neither the part of a light
+    // nor the stratum of the net that a run makes goes with one point alone.
+    const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
     const LightSample s =
         in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(k), seed));
     const float cosine = receiver_cosine(at, i, s.direction);

@@ -10,7 +10,7 @@ namespace kiln::baker {
 namespace {
 
 /// A light whose longest edge is above this share of its distance is sampled by solid angle.
-constexpr float kNearRatio = 0.25f;
+constexpr float kNearRatio = 1;
 /// Points at which a textured emitter's mean is taken.
 constexpr std::uint32_t kTexturePoints = 64;
 
