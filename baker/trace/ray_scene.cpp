@@ -117,6 +117,8 @@ void RayScene::closest(const RayPacket& rays, HitPacket& hits, bool coherent) co
   load_rays(rays, query.ray);
   std::memset(query.hit.geomID, 0xff, sizeof query.hit.geomID);
   std::memset(query.hit.instID, 0xff, sizeof query.hit.instID);
+  std::memset(query.hit.u, 0, sizeof query.hit.u);
+  std::memset(query.hit.v, 0, sizeof query.hit.v);
   const LaneMask valid(rays.active);
   RTCIntersectContext context = make_context(coherent);
   rtcIntersect16(valid.lane, impl_->scene, &context, &query);

@@ -83,8 +83,9 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
     const std::int32_t t = index[i];
     const float x = uv[8 * t] + bary_u[i] * uv[8 * t + 2] + bary_v[i] * uv[8 * t + 4] - 0.5f;
     const float y = uv[8 * t + 1] + bary_u[i] * uv[8 * t + 3] + bary_v[i] * uv[8 * t + 5] - 0.5f;
-    // Blocks across the rim are never whole, so clamping only keeps reads in bounds.
-    const float cx = x < 0 ? 0 : x > last ? last : x, cy = y < 0 ? 0 : y > last ? last : y;
+    // Blocks across the rim are never whole, so clamping only keeps reads in bounds; of lanes that
+    // met nothing too, whose coordinates may be anything, even NaN.
+    const float cx = x > 0 ? (x < last ? x : last) : 0, cy = y > 0 ? (y < last ? y : last) : 0;
     const std::int32_t ix = std::int32_t(cx), iy = std::int32_t(cy);
     const float fx = x - float(ix), fy = y - float(iy);
     const bool right = u[i] < fx;
