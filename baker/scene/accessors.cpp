@@ -18,6 +18,12 @@ Unexpected invalid(const std::string& why, const std::string& pointer) {
   return proto::fail("invalid_scene", why, "scene", pointer);
 }
 
+Unexpected canceled() {
+  return proto::fail(proto::kCanceledCode, "canceled");
+}
+
+constexpr std::uint64_t kPollMask = 0xffff;  // a stop request is looked for this often
+
 std::string accessor_pointer(std::size_t i) {
   return pointer_to("/accessors", i);
 }
@@ -247,8 +253,10 @@ Expected<void> check_accessors(const Document& document) {
   return {};
 }
 
-Accessors::Accessors(Document& document)
-    : document_(document), checked_(document.model->accessors.size(), false) {}
+Accessors::Accessors(Document& document, std::stop_token stop)
+    : document_(document),
+      stop_(std::move(stop)),
+      checked_(document.model->accessors.size(), false) {}
 
 Expected<AccessorView> Accessors::view_of(int accessor) const {
   const auto& a = document_.model->accessors[static_cast<std::size_t>(accessor)];
@@ -285,10 +293,10 @@ Expected<AccessorView> Accessors::view_of(int accessor) const {
   return v;
 }
 
-Expected<void> Accessors::check_contents(const AccessorView& v, int accessor) {
-  const std::string at = accessor_pointer(static_cast<std::size_t>(accessor));
+Expected<void> Accessors::check_sparse(const AccessorView& v, const std::string& at) const {
+  const std::size_t size = size_of(v.sparse_component);
   for (std::uint32_t s = 0; s < v.sparse_count; ++s) {
-    const std::size_t size = size_of(v.sparse_component);
+    if ((s & kPollMask) == 0 && stop_.stop_requested()) return canceled();
     const auto index = load_unsigned(v.sparse_indices + s * size, v.sparse_component);
     const bool ascends =
         s == 0 || index > load_unsigned(v.sparse_indices + (s - 1) * size, v.sparse_component);
@@ -297,27 +305,32 @@ Expected<void> Accessors::check_contents(const AccessorView& v, int accessor) {
                      at + "/sparse/indices");
     }
   }
+  return {};
+}
+
+Expected<void> Accessors::check_contents(const AccessorView& v, int accessor) {
+  const std::string at = accessor_pointer(static_cast<std::size_t>(accessor));
+  if (auto sparse = check_sparse(v, at); !sparse) return sparse;
   if (v.component != Component::kFloat) return {};
   const auto& a = document_.model->accessors[static_cast<std::size_t>(accessor)];
   bool outside = false;
-  const auto check = [&](const std::array<float, 4>& values) {
+  // Zeros of an accessor without data need no look: its count is a mere claim.
+  const std::uint64_t n = v.data ? v.count : v.sparse_count;
+  for (std::uint64_t k = 0; k < n; ++k) {
+    if ((k & kPollMask) == 0 && stop_.stop_requested()) return canceled();
+    const std::uint64_t i =
+        v.data
+            ? k
+            : load_unsigned(v.sparse_indices + k * size_of(v.sparse_component), v.sparse_component);
+    const auto values = v.floats(i);
     for (std::uint32_t c = 0; c < v.components; ++c) {
-      if (!std::isfinite(values[c])) return false;
+      if (!std::isfinite(values[c]))
+        return invalid("element " + std::to_string(i) + " is not finite", at);
       // Bounds are written with few digits by many exporters.
       const double slack = 1e-3 * std::abs(values[c]) + 1e-4;
       outside |= !a.minValues.empty() && values[c] < a.minValues[c] - slack;
       outside |= !a.maxValues.empty() && values[c] > a.maxValues[c] + slack;
     }
-    return true;
-  };
-  // Zeros of an accessor without data need no look: its count is a mere claim.
-  for (std::uint64_t i = 0; v.data && i < v.count; ++i) {
-    if (!check(v.floats(i))) return invalid("element " + std::to_string(i) + " is not finite", at);
-  }
-  for (std::uint32_t s = 0; !v.data && s < v.sparse_count; ++s) {
-    const auto i =
-        load_unsigned(v.sparse_indices + s * size_of(v.sparse_component), v.sparse_component);
-    if (!check(v.floats(i))) return invalid("element " + std::to_string(i) + " is not finite", at);
   }
   if (outside) {
     document_.warnings.add("accessor_bounds_wrong", at,

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -60,16 +61,18 @@ struct AccessorFormat {
 /// ascending and in range, no float that is NaN or infinite. Not for several threads at once.
 class Accessors {
  public:
-  explicit Accessors(Document& document);
+  Accessors(Document& document, std::stop_token stop);
 
-  /// `use` is the property's name for messages. Errors: `invalid_scene`.
+  /// `use` is the property's name for messages. Errors: `invalid_scene`, `canceled`.
   proto::Expected<AccessorView> open(int accessor, const AccessorFormat&, const std::string& use);
 
  private:
   proto::Expected<AccessorView> view_of(int accessor) const;
+  proto::Expected<void> check_sparse(const AccessorView&, const std::string& pointer) const;
   proto::Expected<void> check_contents(const AccessorView&, int accessor);
 
   Document& document_;
+  std::stop_token stop_;
   std::vector<bool> checked_;
 };
 

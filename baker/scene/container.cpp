@@ -1,8 +1,6 @@
 #include "baker/scene/container.h"
 
-#include <cstring>
-#include <fstream>
-#include <system_error>
+#include <cstddef>
 
 namespace kiln::baker {
 namespace {
@@ -43,25 +41,6 @@ proto::Expected<void> take_chunk(Container& out, std::uint32_t index, std::uint3
 }
 
 }  // namespace
-
-proto::Expected<std::string> read_file(const std::filesystem::path& path, std::uint64_t max_bytes) {
-  const std::string name = path.filename().string();
-  std::error_code error;
-  const auto size = std::filesystem::file_size(path, error);
-  std::ifstream in(path, std::ios::binary);
-  if (error || !in) return proto::fail("missing_file", "cannot read \"" + name + "\"");
-  if (size > max_bytes) {
-    return proto::fail("limit_exceeded", "\"" + name + "\" has " + std::to_string(size) +
-                                             " bytes, more than the " + std::to_string(max_bytes) +
-                                             " allowed");
-  }
-  std::string bytes(size, '\0');
-  in.read(bytes.data(), static_cast<std::streamsize>(size));
-  if (static_cast<std::uintmax_t>(in.gcount()) != size) {
-    return proto::fail("missing_file", "cannot read the whole of \"" + name + "\"");
-  }
-  return bytes;
-}
 
 proto::Expected<Container> open_container(std::string_view bytes) {
   if (!bytes.starts_with("glTF")) return open_text(bytes);

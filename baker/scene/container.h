@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -9,10 +8,6 @@
 #include "proto/expected.h"
 
 namespace kiln::baker {
-
-/// A whole file. Errors: `limit_exceeded` when it is longer than `max_bytes` (found out before
-/// memory is taken), `missing_file` when it can't be read.
-proto::Expected<std::string> read_file(const std::filesystem::path&, std::uint64_t max_bytes);
 
 /// The two parts of a glTF file; views into its bytes.
 struct Container {

@@ -140,8 +140,14 @@ Expected<void> check_indices(const AccessorView& indices, std::uint64_t vertex_c
   return {};
 }
 
+/// Triangles of one primitive and the vertices they name.
+struct Assembly {
+  std::vector<std::uint32_t> used;  ///< source vertices, ascending
+  std::vector<Triangle> triangles;  ///< into `used`, glTF order
+};
+
 /// Fills `used` and makes the triangles' corners, source vertices so far, indices into it.
-void compact(PrimitiveSource& p) {
+void compact(Assembly& p) {
   std::uint32_t low = 0xffffffffu, high = 0;
   for (const Triangle& t : p.triangles) {
     low = std::min({low, t[0], t[1], t[2]});
@@ -174,36 +180,41 @@ void compact(PrimitiveSource& p) {
   }
 }
 
-Expected<void> assemble(PrimitiveSource& out, Document& document, Accessors& accessors,
-                        const tinygltf::Primitive& primitive, GeometryBudget& budget,
-                        const std::stop_token& stop) {
-  std::optional<AccessorView> indices;
+Expected<Assembly> assemble(const PrimitiveSource& source, const std::stop_token& stop) {
+  Assembly out;
+  out.triangles.resize(source.triangle_count);
+  for (std::uint64_t i = 0; i < source.triangle_count; ++i) {
+    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
+    out.triangles[i] = source.triangle(i);
+  }
+  compact(out);
+  return out;
+}
+
+/// Mode, indices and counts.
+Expected<void> open_triangles(PrimitiveSource& out, Document& document, Accessors& accessors,
+                              const tinygltf::Primitive& primitive, GeometryBudget& budget,
+                              const std::stop_token& stop) {
+  out.mode = primitive.mode;
   if (primitive.indices >= 0) {
     const auto view = accessors.open(primitive.indices, {1, 1, kIndexTypes, false}, "indices");
     if (!view) return Unexpected(view.error());
-    indices = *view;
+    out.indices = *view;
   }
-  const std::uint64_t corners = indices ? indices->count : out.positions.count;
-  const std::uint64_t count = triangle_count(primitive.mode, corners);
-  out.vertex_bound = out.normals ? std::min(3 * count, out.positions.count) : 3 * count;
-  if (auto taken = budget.take(out.vertex_bound, count, out.pointer); !taken) return taken;
-  if (indices) {
-    auto checked = check_indices(*indices, out.positions.count, out.pointer + "/indices", stop);
+  const std::uint64_t corners = out.indices ? out.indices->count : out.positions.count;
+  out.triangle_count = triangle_count(primitive.mode, corners);
+  out.vertex_bound =
+      out.normals ? std::min(3 * out.triangle_count, out.positions.count) : 3 * out.triangle_count;
+  auto taken = budget.take(out.vertex_bound, out.triangle_count, out.pointer);
+  if (!taken) return taken;
+  if (out.indices) {
+    auto checked = check_indices(*out.indices, out.positions.count, out.pointer + "/indices", stop);
     if (!checked) return checked;
   }
   if (primitive.mode == TINYGLTF_MODE_TRIANGLES && corners % 3 != 0) {
     document.warnings.add("incomplete_triangle", out.pointer,
                           "the number of vertices is no multiple of 3: the last are left out");
   }
-  out.triangles.resize(count);
-  for (std::uint64_t i = 0; i < count; ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const auto at = triangle_corners(primitive.mode, i);
-    for (std::size_t k = 0; k < 3; ++k) {
-      out.triangles[i][k] = indices ? indices->index(at[k]) : static_cast<std::uint32_t>(at[k]);
-    }
-  }
-  if (count > 0) compact(out);
   return {};
 }
 
@@ -228,14 +239,26 @@ Vec3 face_normal(const WorldPrimitive& w, const Triangle& t) {
       cross(w.positions[t[1]] - w.positions[t[0]], w.positions[t[2]] - w.positions[t[0]]));
 }
 
+/// A vertex in world space.
+Expected<Vec3> world_point(const PrimitiveSource& source, std::uint32_t vertex,
+                           const Transform& to_world) {
+  const auto p = source.positions.floats(vertex);
+  const Vec3 point = to_world.point({p[0], p[1], p[2]});
+  if (!(max_abs(point) <= kMaxCoordinate)) {
+    return invalid("vertex " + std::to_string(vertex) + " lies beyond 1e9 m in world space",
+                   source.pointer + "/attributes/POSITION");
+  }
+  return point;
+}
+
 /// Three vertices for each triangle, with the triangle's normal.
-void emit_flat(WorldPrimitive& out, const PrimitiveSource& source,
+void emit_flat(WorldPrimitive& out, const std::vector<std::uint32_t>& used,
                const std::vector<Vec3>& points) {
   for (Triangle& t : out.triangles) {
     const auto first = static_cast<std::uint32_t>(out.positions.size());
     for (const std::uint32_t v : t) {
       out.positions.push_back(points[v]);
-      out.source_vertex.push_back(source.used[v]);
+      out.source_vertex.push_back(used[v]);
     }
     t = {first, first + 1, first + 2};
     out.normals.insert(out.normals.end(), 3, face_normal(out, t));
@@ -259,8 +282,9 @@ void repair_normals(WorldPrimitive& out, const std::vector<bool>& broken) {
 }
 
 /// Vertices in source order, those that no triangle uses any more left out.
-void emit_smooth(WorldPrimitive& out, const PrimitiveSource& source,
-                 const std::vector<Vec3>& points, const Transform& to_world) {
+void emit_smooth(WorldPrimitive& out, const AccessorView& normals,
+                 const std::vector<std::uint32_t>& used, const std::vector<Vec3>& points,
+                 const Transform& to_world) {
   constexpr std::uint32_t kUnused = 0xffffffffu;
   std::vector<std::uint32_t> place(points.size(), kUnused);
   for (const Triangle& t : out.triangles) {
@@ -273,7 +297,7 @@ void emit_smooth(WorldPrimitive& out, const PrimitiveSource& source,
   for (std::uint32_t v = 0; v < points.size(); ++v) {
     if (place[v] == kUnused) continue;
     place[v] = static_cast<std::uint32_t>(out.positions.size());
-    const auto n = source.normals->floats(source.used[v]);
+    const auto n = normals.floats(used[v]);
     const Vec3 unit = normalize({n[0], n[1], n[2]}, {0, 0, 0});
     const Vec3 normal =
         normalize(normalize(normal_map.direction(unit), {0, 0, 0}) * side, {0, 0, 0});
@@ -281,7 +305,7 @@ void emit_smooth(WorldPrimitive& out, const PrimitiveSource& source,
     out.broken_normals += broken.back() ? 1 : 0;
     out.positions.push_back(points[v]);
     out.normals.push_back(normal);
-    out.source_vertex.push_back(source.used[v]);
+    out.source_vertex.push_back(used[v]);
   }
   for (Triangle& t : out.triangles) t = {place[t[0]], place[t[1]], place[t[2]]};
   if (out.broken_normals > 0) repair_normals(out, broken);
@@ -330,31 +354,38 @@ Expected<std::optional<PrimitiveSource>> open_primitive(Document& document, Acce
     document.warnings.add("morph_ignored", out.pointer + "/targets",
                           "morph targets are not applied: the base shape is baked");
   }
-  if (auto assembled = assemble(out, document, accessors, p, budget, stop); !assembled) {
-    return Unexpected(assembled.error());
+  if (auto opened = open_triangles(out, document, accessors, p, budget, stop); !opened) {
+    return Unexpected(opened.error());
   }
-  if (out.triangles.empty()) return std::optional<PrimitiveSource>();
+  if (out.triangle_count == 0) return std::optional<PrimitiveSource>();
   return std::optional(std::move(out));
+}
+
+Triangle PrimitiveSource::triangle(std::uint64_t i) const {
+  const auto at = triangle_corners(mode, i);
+  Triangle out;
+  for (std::size_t k = 0; k < 3; ++k) {
+    out[k] = indices ? indices->index(at[k]) : static_cast<std::uint32_t>(at[k]);
+  }
+  return out;
 }
 
 Expected<WorldPrimitive> place_primitive(const PrimitiveSource& source, const Transform& to_world,
                                          const std::stop_token& stop) {
-  std::vector<Vec3> points(source.used.size());
+  const auto assembly = assemble(source, stop);
+  if (!assembly) return Unexpected(assembly.error());
+  std::vector<Vec3> points(assembly->used.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
     if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const auto p = source.positions.floats(source.used[i]);
-    points[i] = to_world.point({p[0], p[1], p[2]});
-    if (!(max_abs(points[i]) <= kMaxCoordinate)) {
-      return invalid(
-          "vertex " + std::to_string(source.used[i]) + " lies beyond 1e9 m in world space",
-          source.pointer + "/attributes/POSITION");
-    }
+    const auto point = world_point(source, assembly->used[i], to_world);
+    if (!point) return Unexpected(point.error());
+    points[i] = *point;
   }
   const bool mirrored = to_world.determinant() < 0;
   WorldPrimitive out;
-  for (std::size_t i = 0; i < source.triangles.size(); ++i) {
+  for (std::size_t i = 0; i < assembly->triangles.size(); ++i) {
     if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const Triangle t = source.triangles[i];
+    const Triangle t = assembly->triangles[i];
     if (!has_area(points[t[0]], points[t[1]], points[t[2]])) {
       ++out.degenerate;
       continue;
@@ -362,11 +393,28 @@ Expected<WorldPrimitive> place_primitive(const PrimitiveSource& source, const Tr
     out.triangles.push_back(mirrored ? Triangle{t[0], t[2], t[1]} : t);
   }
   if (source.normals) {
-    emit_smooth(out, source, points, to_world);
+    emit_smooth(out, *source.normals, assembly->used, points, to_world);
   } else {
-    emit_flat(out, source, points);
+    emit_flat(out, assembly->used, points);
   }
   return out;
+}
+
+Expected<bool> has_triangles(const PrimitiveSource& source, const Transform& to_world,
+                             const std::stop_token& stop) {
+  bool any = false;
+  for (std::uint64_t i = 0; i < source.triangle_count; ++i) {
+    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
+    const Triangle t = source.triangle(i);
+    std::array<Vec3, 3> corner;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto point = world_point(source, t[k], to_world);
+      if (!point) return Unexpected(point.error());
+      corner[k] = *point;
+    }
+    any = any || has_area(corner[0], corner[1], corner[2]);
+  }
+  return any;
 }
 
 }  // namespace kiln::baker

@@ -25,19 +25,24 @@ class GeometryBudget {
   std::uint64_t vertices_, triangles_;
 };
 
-/// A checked glTF primitive that holds triangles, in its own space.
+/// A checked glTF primitive that holds triangles, in its own space. Views into the document's
+/// bytes.
 struct PrimitiveSource {
   std::string pointer;
+  int mode = 4;                         ///< glTF: list, strip or fan
+  std::optional<AccessorView> indices;  ///< each within `positions`
   AccessorView positions;
   std::optional<AccessorView> normals, colors;
   std::vector<std::optional<AccessorView>> uv_sets;  ///< TEXCOORD_n
-  std::vector<std::uint32_t> used;  ///< source vertices that triangles name, ascending
-  std::vector<std::array<std::uint32_t, 3>> triangles;  ///< into `used`, glTF order
+  std::uint64_t triangle_count = 0;
   std::uint64_t vertex_bound = 0;  ///< at most as many vertices come of placing it
+
+  /// Vertices of triangle i < triangle_count.
+  std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
 };
 
-/// Opens a primitive and assembles its triangles from lists, strips and fans. Nothing when it holds
-/// none: points, lines, no positions (with a warning). The memory taken is first asked of `budget`.
+/// Opens a primitive and checks its contents. Nothing when it holds no triangle: points, lines, no
+/// positions (with a warning). Takes no memory; what placing it takes is first asked of `budget`.
 /// Errors: `invalid_scene`, `unsupported_extension`, `limit_exceeded`, `canceled`.
 proto::Expected<std::optional<PrimitiveSource>> open_primitive(Document&, Accessors&,
                                                                std::uint32_t mesh,
@@ -54,8 +59,13 @@ struct WorldPrimitive {
   std::uint64_t broken_normals = 0;  ///< zero normals, replaced by those of the faces
 };
 
+/// Assembles a primitive's triangles from lists, strips and fans.
 /// Errors: `invalid_scene` when positions leave [-1e9 m, 1e9 m], `canceled`.
 proto::Expected<WorldPrimitive> place_primitive(const PrimitiveSource&, const Transform& to_world,
                                                 const std::stop_token&);
+
+/// Whether place_primitive would leave any triangle; the same errors, but without taking memory.
+proto::Expected<bool> has_triangles(const PrimitiveSource&, const Transform& to_world,
+                                    const std::stop_token&);
 
 }  // namespace kiln::baker

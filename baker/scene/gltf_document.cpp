@@ -169,14 +169,14 @@ Expected<void> read_document(Document& document, const Container& container,
 
 Expected<std::string_view> FileCache::load(const std::filesystem::path& path,
                                            const std::string& pointer) {
-  if (const auto known = bytes_.find(path); known != bytes_.end()) return known->second;
-  auto bytes = read_file(path, left_);
-  if (!bytes) {
-    bytes.error().details = {{"scene", pointer, bytes.error().message}};
-    return Unexpected(bytes.error());
+  if (const auto known = mapped_.find(path); known != mapped_.end()) return known->second.bytes();
+  auto file = MappedFile::open(path, left_);
+  if (!file) {
+    file.error().details = {{"scene", pointer, file.error().message}};
+    return Unexpected(file.error());
   }
-  left_ -= bytes->size();
-  return bytes_.emplace(path, std::move(*bytes)).first->second;
+  left_ -= file->bytes().size();
+  return mapped_.emplace(path, std::move(*file)).first->second.bytes();
 }
 
 Expected<std::string_view> FileCache::main_file() {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "baker/scene/import.h"
+#include "baker/scene/mapped_file.h"
 #include "baker/scene/warnings.h"
 #include "proto/expected.h"
 
@@ -20,7 +21,7 @@ class Model;
 
 namespace kiln::baker {
 
-/// Files of one upload, each read once, within one budget of bytes.
+/// Files of one upload, each mapped once, within one budget of bytes.
 class FileCache {
  public:
   FileCache(const SceneFiles& files, std::uint64_t max_bytes) : files_(files), left_(max_bytes) {}
@@ -37,7 +38,7 @@ class FileCache {
 
   const SceneFiles& files_;
   std::uint64_t left_;
-  std::map<std::filesystem::path, std::string> bytes_;  ///< nodes of a map never move
+  std::map<std::filesystem::path, MappedFile> mapped_;  ///< nodes of a map never move
 };
 
 /// Where an image's encoded bytes come from: a URI or a buffer view.

@@ -46,7 +46,7 @@ class MaterialTable {
 /// What import and check share: the walk over all primitives of all placed nodes.
 struct Import {
   Import(Document& d, const ImportLimits& limits, std::stop_token s)
-      : document(d), accessors(d), materials(d), budget(limits), stop(std::move(s)) {}
+      : document(d), accessors(d, s), materials(d), budget(limits), stop(std::move(s)) {}
 
   Document& document;
   Accessors accessors;
@@ -185,13 +185,13 @@ Expected<void> check_primitive(Import& import, const PlacedNode& placed, std::ui
                                      import.budget, import.stop);
   if (!source) return Unexpected(source.error());
   if (!*source) return {};
-  const auto world = place_primitive(**source, placed.to_world, import.stop);
-  if (!world) return Unexpected(world.error());
-  if (world->triangles.empty()) return {};
+  const auto any = has_triangles(**source, placed.to_world, import.stop);
+  if (!any) return Unexpected(any.error());
+  if (!*any) return {};
   const auto material =
       import.materials.index_of(import.document.model->meshes[mesh].primitives[primitive].material);
   import.emissive |= !is_black(import.materials.at(material).material.emission);
-  settled[{mesh, primitive}] = {(*source)->vertex_bound, (*source)->triangles.size()};
+  settled[{mesh, primitive}] = {(*source)->vertex_bound, (*source)->triangle_count};
   return {};
 }
 

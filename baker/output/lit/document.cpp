@@ -41,10 +41,9 @@ LitDocument::~LitDocument() = default;
 
 Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files) {
   std::unique_ptr<LitDocument> doc(new LitDocument(files));
-  auto bytes = read_file(files.main, kAnySize);
-  if (!bytes) return Unexpected(bytes.error());
-  doc->main_bytes_ = std::move(*bytes);
-  const auto container = open_container(doc->main_bytes_);
+  auto file = MappedFile::open(files.main, kAnySize);
+  if (!file) return Unexpected(file.error());
+  const auto container = open_container(doc->mapped_.emplace_back(std::move(*file)).bytes());
   if (!container) return Unexpected(container.error());
   doc->json_ = std::make_unique<Json>(Json::parse(container->json, nullptr, false));
   if (!doc->json_->is_object())
@@ -69,13 +68,13 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
     if (is_data_uri(uri)) {
       auto data = decode_data_uri(uri, at + "/uri");
       if (!data) return Unexpected(data.error());
-      bytes = loaded_.emplace_back(std::move(data->bytes));
+      bytes = decoded_.emplace_back(std::move(data->bytes));
     } else if (!uri.empty()) {
       const auto path = find_side_file(files_, uri, at + "/uri");
       if (!path) return Unexpected(path.error());
-      auto content = read_file(*path, kAnySize);
-      if (!content) return Unexpected(content.error());
-      bytes = loaded_.emplace_back(std::move(*content));
+      auto file = MappedFile::open(*path, kAnySize);
+      if (!file) return Unexpected(file.error());
+      bytes = mapped_.emplace_back(std::move(*file)).bytes();
     }
     if (!length || (bytes && bytes->size() < *length))
       return proto::fail("invalid_scene", "byteLength does not fit the data", "scene", at);
@@ -149,8 +148,8 @@ std::optional<std::string> LitDocument::image_bytes(const std::string& uri) cons
   }
   const auto path = find_side_file(files_, uri, "");
   if (!path) return std::nullopt;
-  auto bytes = read_file(*path, kAnySize);
-  return bytes ? std::optional(std::move(*bytes)) : std::nullopt;
+  const auto file = MappedFile::open(*path, kAnySize);
+  return file ? std::optional(std::string(file->bytes())) : std::nullopt;
 }
 
 /// Whether the document may hold images of that type: core glTF knows two, extensions add theirs.

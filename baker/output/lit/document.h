@@ -11,6 +11,7 @@
 
 #include "baker/output/lit/binary.h"
 #include "baker/scene/import.h"
+#include "baker/scene/mapped_file.h"
 #include "proto/expected.h"
 
 namespace kiln::baker {
@@ -63,9 +64,9 @@ class LitDocument {
   std::optional<std::string> image_bytes(const std::string& uri) const;
 
   SceneFiles files_;
-  std::string main_bytes_;
+  std::deque<MappedFile> mapped_;  ///< the main file, then side files
   std::unique_ptr<Json> json_;
-  std::deque<std::string> loaded_;                        ///< side files and decoded data URIs
+  std::deque<std::string> decoded_;                       ///< what data URIs held
   std::vector<std::optional<std::string_view>> buffers_;  ///< of the source; nothing: no data
   std::vector<std::optional<std::string_view>> views_;    ///< of the source
   GlbBinary binary_;
