@@ -6,6 +6,7 @@
 #include "baker/scene/container.h"
 #include "baker/scene/extensions.h"
 #include "baker/scene/gltf_json.h"
+#include "baker/scene/gltf_model.h"
 #include "baker/scene/tinygltf.h"
 #include "baker/scene/uri.h"
 
@@ -144,10 +145,10 @@ Expected<void> read_model(Document& document, const json& pruned) {
 /// JSON text to `model`, with all that the library must not see beside it.
 Expected<void> read_document(Document& document, const Container& container,
                              const ImportLimits& limits, const std::stop_token& stop) {
-  auto parsed = parse_gltf_json(container.json);
+  auto parsed = parse_gltf_json(container.json, stop);
   if (!parsed) return Unexpected(parsed.error());
   if (auto known = check_required_extensions(*parsed); !known) return known;
-  if (auto checked = check_and_prune(*parsed); !checked) return checked;
+  if (auto checked = check_gltf(*parsed); !checked) return checked;
   if (auto version = check_version(parsed->at("asset")); !version) return version;
   if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
     return proto::fail("limit_exceeded", "more than " + std::to_string(limits.nodes) + " nodes",
@@ -161,7 +162,12 @@ Expected<void> read_document(Document& document, const Container& container,
   take(*parsed, "cameras");
   if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
+  const json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
+             accessors = take(*parsed, "accessors");
   if (auto model = read_model(document, *parsed); !model) return model;
+  read_nodes(*document.model, nodes);
+  read_meshes(*document.model, meshes);
+  read_accessors(*document.model, accessors);
   return check_buffer_views(*document.model, buffers);
 }
 

@@ -2,35 +2,18 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "baker/scene/gltf_schema.h"
 
 namespace kiln::baker {
 namespace {
 
-constexpr std::size_t kMaxDepth = 128, kMaxValues = 16'000'000;
+using nlohmann::json;
 
-struct JsonSize {
-  std::size_t depth = 0, values = 0;
-};
-
-/// Deepest nesting and number of values, by brackets and commas outside strings.
-JsonSize measure(std::string_view text) {
-  JsonSize size;
-  std::size_t depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string) {
-      if (c == '\\') ++i;
-      if (c == '"') in_string = false;
-      continue;
-    }
-    if (c == '"') in_string = true;
-    if (c == '{' || c == '[') size.depth = std::max(size.depth, ++depth);
-    if ((c == '}' || c == ']') && depth > 0) --depth;
-    if (c == '{' || c == '[' || c == ',') ++size.values;
-  }
-  return size;
-}
+constexpr std::size_t kMaxDepth = 128, kMaxValues = 16'000'000, kPollInterval = 1 << 16;
 
 std::string line_and_column(std::string_view text, std::size_t byte) {
   const auto before = text.substr(0, std::min(byte, text.size()));
@@ -40,6 +23,140 @@ std::string line_and_column(std::string_view text, std::size_t byte) {
       newline == std::string_view::npos ? before.size() : before.size() - newline - 1;
   return "line " + std::to_string(line) + ", column " + std::to_string(column);
 }
+
+/// Builds the document from the parser's events, without what the schema doesn't name. Where a
+/// value has another type than the schema's it is kept whole, for the check to find.
+class PruningReader {
+ public:
+  PruningReader(std::string_view text, const std::stop_token& stop) : text_(text), stop_(stop) {}
+
+  json& document() { return document_; }
+  const proto::Error& error() const { return error_; }
+
+  // What json::sax_parse calls; false stops it.
+  bool null() { return add(nullptr); }
+  bool boolean(bool value) { return add(value); }
+  bool number_integer(json::number_integer_t value) { return add(value); }
+  bool number_unsigned(json::number_unsigned_t value) { return add(value); }
+  bool number_float(json::number_float_t value, const std::string&) { return add(value); }
+  bool string(std::string& value) { return add(std::move(value)); }
+  bool binary(json::binary_t&) { return false; }  // JSON text has none
+  bool start_object(std::size_t) { return open(json::object(), Kind::kObject); }
+  bool start_array(std::size_t) { return open(json::array(), Kind::kObjects); }
+  bool end_object() { return close(); }
+  bool end_array() { return close(); }
+
+  bool key(std::string& name) {
+    if (dropped_ > 0) return true;
+    Frame& in = frames_.back();
+    in.member = nullptr;
+    in.field = nullptr;
+    if (in.keep == Keep::kListed) {
+      const auto field = std::find_if(in.fields.begin(), in.fields.end(),
+                                      [&](const Field& f) { return f.name == name; });
+      if (field == in.fields.end()) return true;
+      in.field = &*field;
+    }
+    in.member = &(*in.value)[std::move(name)];
+    return true;
+  }
+
+  bool parse_error(std::size_t byte, const std::string&, const json::exception& e) {
+    constexpr int kNumberOverflow = 406;
+    error_ = e.id == kNumberOverflow
+                 ? proto::fail("invalid_scene", "the JSON holds a number that is not finite",
+                               "scene", "")
+                       .value()
+                 : proto::fail("invalid_scene", "not valid JSON at " + line_and_column(text_, byte),
+                               "scene", "")
+                       .value();
+    return false;
+  }
+
+ private:
+  enum class Keep {
+    kAll,
+    kListed,    ///< an object: the members in `fields`
+    kElements,  ///< an array of such objects
+  };
+  struct Frame {
+    json* value = nullptr;
+    Keep keep = Keep::kAll;
+    std::span<const Field> fields{};
+    json* member = nullptr;        ///< of an object: where its next value goes; nullptr: nowhere
+    const Field* field = nullptr;  ///< the schema's word on that member
+  };
+
+  bool limit(const char* what) {
+    error_ = proto::fail("limit_exceeded", what, "scene", "").value();
+    return false;
+  }
+
+  bool count() {
+    if (++values_ > kMaxValues) return limit("the JSON holds more than 16 million values");
+    if (values_ % kPollInterval == 0 && stop_.stop_requested()) {
+      error_ = proto::fail(proto::kCanceledCode, "canceled").value();
+      return false;
+    }
+    return true;
+  }
+
+  /// Where the next value goes; nullptr when it is not kept.
+  json* place() {
+    if (frames_.empty()) return &document_;
+    Frame& in = frames_.back();
+    return in.value->is_array() ? &in.value->emplace_back() : in.member;
+  }
+
+  bool add(json value) {
+    if (!count()) return false;
+    if (dropped_ > 0) return true;
+    if (json* const to = place()) *to = std::move(value);
+    return true;
+  }
+
+  /// @param kind that a listed member has when its value is pruned too
+  bool open(json value, Kind kind) {
+    if (!count()) return false;
+    if (++depth_ > kMaxDepth) return limit("the JSON is nested deeper than 128 levels");
+    json* const to = dropped_ > 0 ? nullptr : place();
+    if (!to) {
+      ++dropped_;
+      return true;
+    }
+    *to = std::move(value);
+    frames_.push_back(frame_of(*to, kind));
+    return true;
+  }
+
+  Frame frame_of(json& value, Kind kind) const {
+    const bool is_object = kind == Kind::kObject;
+    const Keep pruned = is_object ? Keep::kListed : Keep::kElements;
+    if (frames_.empty()) return is_object ? Frame{&value, pruned, gltf_fields()} : Frame{&value};
+    const Frame& in = frames_.back();
+    if (in.keep == Keep::kElements && is_object) return {&value, pruned, in.fields};
+    if (in.field && in.field->kind == kind) return {&value, pruned, in.field->fields};
+    return {&value};
+  }
+
+  bool close() {
+    --depth_;
+    if (dropped_ > 0) {
+      --dropped_;
+    } else {
+      frames_.pop_back();
+    }
+    return true;
+  }
+
+  std::string_view text_;
+  const std::stop_token& stop_;
+  json document_;
+  proto::Error error_;
+  std::vector<Frame> frames_;  ///< open values that are kept
+  std::size_t dropped_ = 0;    ///< open values that are not, all inside the last frame
+  std::size_t depth_ = 0, values_ = 0;
+};
 
 }  // namespace
 
@@ -78,24 +195,12 @@ std::string shortened(std::string_view text, std::size_t max) {
   return out;
 }
 
-proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text) {
-  const JsonSize size = measure(text);
-  if (size.depth > kMaxDepth) {
-    return proto::fail("limit_exceeded", "the JSON is nested deeper than 128 levels", "scene", "");
-  }
-  if (size.values > kMaxValues) {
-    return proto::fail("limit_exceeded", "the JSON holds more than 16 million values", "scene", "");
-  }
-  try {
-    auto document = nlohmann::json::parse(text);
-    if (document.is_object()) return document;
-    return proto::fail("invalid_scene", "the glTF document is not a JSON object", "scene", "");
-  } catch (const nlohmann::json::parse_error& e) {  // the library has no other way to tell where
-    return proto::fail("invalid_scene", "not valid JSON at " + line_and_column(text, e.byte),
-                       "scene", "");
-  } catch (const nlohmann::json::out_of_range&) {
-    return proto::fail("invalid_scene", "the JSON holds a number that is not finite", "scene", "");
-  }
+proto::Expected<json> parse_gltf_json(std::string_view text, const std::stop_token& stop) {
+  PruningReader reader(text, stop);
+  const bool parsed = json::sax_parse(text, &reader);
+  if (!parsed) return proto::Unexpected(reader.error());
+  if (reader.document().is_object()) return std::move(reader.document());
+  return proto::fail("invalid_scene", "the glTF document is not a JSON object", "scene", "");
 }
 
 }  // namespace kiln::baker

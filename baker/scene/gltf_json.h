@@ -1,6 +1,7 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <stop_token>
 #include <string>
 #include <string_view>
 
@@ -16,15 +17,15 @@ std::string pointer_to(const std::string& parent, std::string_view key);
 /// characters. The text must be valid UTF-8.
 std::string shortened(std::string_view text, std::size_t max = 100);
 
-/// Parses the document after its nesting (128) and its number of values (16 million) were counted,
-/// so that no text can cost more memory than about a hundred times that.
-/// Errors: `invalid_scene` with line and column, `limit_exceeded`.
-proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text);
+/// Parses the document and keeps what a bake reads of it (gltf_schema.h): extras and the like are
+/// passed over. Nesting (128) and number of values (16 million) are limited, so that no text can
+/// cost more memory than about a hundred times that.
+/// Errors: `invalid_scene` with line and column, `limit_exceeded`, `canceled`.
+proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text, const std::stop_token&);
 
-/// Checks every property of the document that a bake reads: presence, type, range, and that each
-/// index has its target. Whole numbers become unsigned integers where integers are due ("1.0" is
-/// legal). Everything else is removed, so that no later reader meets what was not checked.
-/// Errors: `invalid_scene` with the first wrong place.
-proto::Expected<void> check_and_prune(nlohmann::json& document);
+/// Checks every property of a document that parse_gltf_json returned: presence, type, range, and
+/// that each index has its target. Whole numbers become unsigned integers where integers are due
+/// ("1.0" is legal). Errors: `invalid_scene` with the first wrong place.
+proto::Expected<void> check_gltf(nlohmann::json& document);
 
 }  // namespace kiln::baker

@@ -1,50 +1,9 @@
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <iterator>
-#include <limits>
-#include <nlohmann/json.hpp>
-#include <span>
-#include <sstream>
-#include <string>
-#include <vector>
-
-#include "baker/scene/gltf_json.h"
+#include "baker/scene/gltf_schema.h"
 
 namespace kiln::baker {
 namespace {
 
-using nlohmann::json;
-
-enum class Kind {
-  kBool,
-  kString,
-  kWord,       ///< one of the words of `target`, which are parted by spaces
-  kInteger,    ///< in [low, high]
-  kNumber,     ///< in [low, high]; fits a float
-  kNumbers,    ///< array of `length` kNumbers, any length when 0
-  kIndex,      ///< into the collection `target`
-  kIndices,    ///< array of those
-  kIndexMap,   ///< object whose members are kIndex
-  kIndexMaps,  ///< array of those
-  kStrings,
-  kObject,   ///< described by `fields`
-  kObjects,  ///< array of those
-};
-
-/// One property of a glTF object. What is not listed is not read by a bake, and is removed.
-struct Field {
-  const char* name;
-  Kind kind;
-  bool required = false;
-  const char* target = nullptr;
-  std::span<const Field> fields{};
-  std::size_t length = 0;
-  double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();
-};
-
 constexpr bool kRequired = true;
-constexpr double kMaxSize = 9007199254740991.0;  // 2^53 - 1: exact in JSON
 constexpr double kMaxFloat = std::numeric_limits<float>::max();
 
 constexpr Field boolean(const char* name) {
@@ -80,8 +39,7 @@ constexpr Field objects(const char* name, std::span<const Field> fields, bool re
   return {name, Kind::kObjects, required, nullptr, fields};
 }
 
-// The parts of glTF 2.0 and of its extensions that a bake reads [glTF 2.0, section 5]
-// --------------
+// glTF 2.0, section 5, and extensions -------------------------------------------------------------
 constexpr const char* kLights = "/extensions/KHR_lights_punctual/lights";
 
 constexpr Field kAsset[] = {text("version", kRequired), text("minVersion")};
@@ -112,7 +70,6 @@ constexpr Field kPrimitive[] = {{"attributes", Kind::kIndexMap, kRequired, "/acc
 constexpr Field kMesh[] = {objects("primitives", kPrimitive, kRequired), numbers("weights", 0),
                            text("name")};
 
-constexpr double kMaxOffset = 2147483647;  // sparse offsets and counts: int in the glTF library
 constexpr Field kSparseIndices[] = {index("bufferView", "/bufferViews", kRequired),
                                     integer("byteOffset", 0, kMaxOffset),
                                     integer("componentType", 5121, 5125, kRequired)};
@@ -192,189 +149,10 @@ constexpr Field kRoot[] = {object("asset", kAsset, kRequired),
                            objects("cameras", {}),
                            object("extensions", kRootExtensions)};
 
-/// Walks document and tables together; stops at the first wrong place. Where it is in the document
-/// is kept as a path, since a pointer's text is needed only when something is wrong.
-class Checker {
- public:
-  explicit Checker(json& root) : root_(root) {}
-
-  proto::Expected<void> run() {
-    if (!check_object(root_, kRoot)) return proto::Unexpected(error_);
-    return {};
-  }
-
- private:
-  struct Step {
-    std::string_view key;
-    std::size_t index = 0;  ///< when key has no data
-  };
-
-  bool wrong(const std::string& what) {
-    std::string pointer;
-    for (const Step& step : path_) {
-      pointer = step.key.data() ? pointer_to(pointer, step.key) : pointer_to(pointer, step.index);
-    }
-    error_ = proto::fail("invalid_scene", what, "scene", pointer).value();
-    return false;
-  }
-
-  template <class Check>
-  bool within(Step step, Check check) {
-    path_.push_back(step);
-    const bool fine = check();
-    path_.pop_back();
-    return fine;
-  }
-
-  template <class Check>
-  bool each(json& array, Check check) {
-    if (!array.is_array()) return wrong("expected an array");
-    for (std::size_t i = 0; i < array.size(); ++i) {
-      if (!within({{}, i}, [&] { return check(array[i]); })) return false;
-    }
-    return true;
-  }
-
-  template <class Check>
-  bool each_member(json& value, Check check) {
-    if (!value.is_object()) return wrong("expected an object");
-    for (auto& [key, member] : value.get_ref<json::object_t&>()) {
-      if (!within({key}, [&, &m = member] { return check(m); })) return false;
-    }
-    return true;
-  }
-
-  bool check_object(json& value, std::span<const Field> fields) {
-    if (!value.is_object()) return wrong("expected an object");
-    auto& members = value.get_ref<json::object_t&>();
-    for (auto m = members.begin(); m != members.end();) {
-      const bool listed = std::any_of(fields.begin(), fields.end(),
-                                      [&](const Field& f) { return m->first == f.name; });
-      m = listed ? std::next(m) : members.erase(m);
-    }
-    for (const Field& field : fields) {
-      const auto member = members.find(field.name);
-      if (member != members.end()) {
-        if (!within({field.name}, [&] { return check(member->second, field); })) return false;
-      } else if (field.required) {
-        return wrong(std::string("misses the required property \"") + field.name + "\"");
-      }
-    }
-    return true;
-  }
-
-  /// Ends that only stand for what a type can hold are left out of the message.
-  bool out_of_range(double low, double high) {
-    const auto number = [](double v) {
-      return v == std::trunc(v) ? json(static_cast<std::int64_t>(v)).dump() : json(v).dump();
-    };
-    if (low <= -kMaxSize && high >= kMaxSize) return wrong("is too large a number");
-    if (high >= kMaxOffset) return wrong("is out of range: expected at least " + number(low));
-    return wrong("is out of range: expected " + number(low) + " to " + number(high));
-  }
-
-  bool check_integer(json& value, double low, double high) {
-    if (!value.is_number()) return wrong("expected an integer");
-    const double v = value.get<double>();
-    if (std::abs(v) > kMaxSize) return out_of_range(low, high);
-    if (std::trunc(v) != v) return wrong("expected an integer");
-    if (v < low || v > high) return out_of_range(low, high);
-    if (v >= 0) {
-      value = static_cast<std::uint64_t>(v);
-    } else {
-      value = static_cast<std::int64_t>(v);
-    }
-    return true;
-  }
-
-  bool check_number(const json& value, const Field& f) {
-    if (!value.is_number()) return wrong("expected a number");
-    const double v = value.get<double>();
-    return (v >= f.low && v <= f.high) || out_of_range(f.low, f.high);
-  }
-
-  bool check_numbers(json& value, const Field& f) {
-    if (value.is_array() && f.length != 0 && value.size() != f.length) {
-      return wrong("expected an array of " + std::to_string(f.length) + " numbers");
-    }
-    return each(value, [&](const json& element) { return check_number(element, f); });
-  }
-
-  /// Elements of a collection; what is not an array has none.
-  std::size_t size_of(const char* target) {
-    if (target != size_target_) {  // runs of the same target are the rule
-      const json::json_pointer place{std::string(target)};
-      const bool is_array = root_.contains(place) && root_.at(place).is_array();
-      size_ = is_array ? root_.at(place).size() : 0;
-      size_target_ = target;
-    }
-    return size_;
-  }
-
-  bool check_index(json& value, const char* target) {
-    if (!check_integer(value, -kMaxSize, kMaxSize)) return false;
-    const double size = static_cast<double>(size_of(target));
-    const double v = value.get<double>();
-    return (v >= 0 && v < size) || wrong("is the index " + value.dump() + ", but " + target +
-                                         " has " + std::to_string(size_of(target)) + " elements");
-  }
-
-  bool check_word(const json& value, const char* words) {
-    if (!value.is_string()) return wrong("expected a string");
-    std::istringstream list(words);
-    for (std::string w; list >> w;) {
-      if (value.get_ref<const std::string&>() == w) return true;
-    }
-    return wrong(std::string("expected one of ") + words);
-  }
-
-  bool check_index_map(json& value, const char* target) {
-    return each_member(value, [&](json& member) { return check_index(member, target); });
-  }
-
-  bool check(json& value, const Field& f) {
-    switch (f.kind) {
-      case Kind::kBool:
-        return value.is_boolean() || wrong("expected true or false");
-      case Kind::kString:
-        return value.is_string() || wrong("expected a string");
-      case Kind::kWord:
-        return check_word(value, f.target);
-      case Kind::kInteger:
-        return check_integer(value, f.low, f.high);
-      case Kind::kNumber:
-        return check_number(value, f);
-      case Kind::kNumbers:
-        return check_numbers(value, f);
-      case Kind::kIndex:
-        return check_index(value, f.target);
-      case Kind::kIndexMap:
-        return check_index_map(value, f.target);
-      case Kind::kObject:
-        return check_object(value, f.fields);
-      case Kind::kStrings:
-        return each(value, [&](json& e) { return e.is_string() || wrong("expected a string"); });
-      case Kind::kIndices:
-        return each(value, [&](json& e) { return check_index(e, f.target); });
-      case Kind::kIndexMaps:
-        return each(value, [&](json& e) { return check_index_map(e, f.target); });
-      case Kind::kObjects:
-        return each(value, [&](json& e) { return check_object(e, f.fields); });
-    }
-    return false;
-  }
-
-  json& root_;
-  proto::Error error_;
-  std::vector<Step> path_;
-  const char* size_target_ = nullptr;
-  std::size_t size_ = 0;
-};
-
 }  // namespace
 
-proto::Expected<void> check_and_prune(json& document) {
-  return Checker(document).run();
+std::span<const Field> gltf_fields() {
+  return kRoot;
 }
 
 }  // namespace kiln::baker

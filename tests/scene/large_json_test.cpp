@@ -1,0 +1,91 @@
+// A request's answer waits for check_scene: 50 MB are checked within a second.
+#include <gtest/gtest.h>
+
+#include <ctime>
+#include <functional>
+
+#include "scene/import_helpers.h"
+#include "support/sanitizer.h"
+
+namespace kiln::baker {
+namespace {
+
+/// Processor time of this thread in seconds: other work on the machine doesn't count.
+double thread_seconds() {
+  timespec t{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+void expect_checked_within_a_second(const GltfBuilder& b) {
+  const Upload upload(b.gltf());
+  const auto bytes = std::filesystem::file_size(upload.files.main);
+  EXPECT_GT(bytes, 40'000'000u);
+  EXPECT_LT(bytes, 50'000'000u);
+  const double start = thread_seconds();
+  const auto checked = check_scene(upload.files, dark());
+  const double seconds = thread_seconds() - start;
+  EXPECT_TRUE(checked) << checked.error().message;
+  EXPECT_LT(seconds, 1.0 * test::kSlowdown);
+  testing::Test::RecordProperty("seconds", std::to_string(seconds));
+}
+
+TEST(LargeJson, ManyNodesWithExtras) {
+  GltfBuilder b = triangle_builder();
+  const nlohmann::json extras = {{"tags", {"alpha", "beta", "gamma"}},
+                                 {"nested", {{"a", 1.5}, {"b", {1, 2, 3, 4}}}}};
+  for (int i = 1; i < 200'000; ++i) {
+    b.node({{"name", "node" + std::to_string(i)},
+            {"translation", {0.125 * i, 0.5, 1}},
+            {"rotation", {0, 0, 0, 1}},
+            {"extras", extras},
+            {"extensions", {{"VENDOR_ids", {{"id", i}, {"note", std::string(40, 'x')}}}}}});
+  }
+  expect_checked_within_a_second(b);
+}
+
+TEST(LargeJson, ManyMeshesAndAccessors) {
+  GltfBuilder b = triangle_builder();
+  for (int i = 1; i < 90'000; ++i) {
+    const int positions = b.add("accessors", {{"bufferView", 0},
+                                              {"componentType", 5126},
+                                              {"count", 3},
+                                              {"type", "VEC3"},
+                                              {"min", {0.0, 0.0, 0.0}},
+                                              {"max", {1.0, 1.0, 0.0}},
+                                              {"name", "positions" + std::to_string(i)}});
+    const int mesh = b.mesh({{"attributes", {{"POSITION", positions}}}, {"mode", 4}});
+    b.json["meshes"].back()["extras"] = {{"note", std::string(200, 'x')}};
+    b.node({{"mesh", mesh}, {"translation", {0.5 * i, 0, 0}}});
+  }
+  expect_checked_within_a_second(b);
+}
+
+// What is passed over is still JSON, and still counted.
+TEST(LargeJson, WhatNoBakeReadsIsStillParsed) {
+  const auto code = [](const std::string& extras) {
+    std::string text = triangle_builder().gltf();
+    text.insert(1, "\"extras\":" + extras + ",");
+    const auto checked = check_scene(Upload(text).files, dark());
+    return checked ? "" : checked.error().code;
+  };
+  EXPECT_EQ(code("[1,{\"nodes\":[2],\"a\":null},true]"), "");
+  EXPECT_EQ(code(std::string(120, '[') + std::string(120, ']')), "");
+  EXPECT_EQ(code(std::string(128, '[') + std::string(128, ']')), "limit_exceeded");
+  EXPECT_EQ(code("[1,]"), "invalid_scene");
+  EXPECT_EQ(code("1e999"), "invalid_scene");
+  std::string many = "[0";
+  for (int i = 0; i < 16'000'000; ++i) many += ",0";
+  EXPECT_EQ(code(many + "]"), "limit_exceeded");
+}
+
+TEST(LargeJson, AKeyThatComesTwiceHasItsLastValue) {
+  std::string text = triangle_builder().gltf();
+  text.insert(1, "\"nodes\":[{\"mesh\":7}],");
+  EXPECT_TRUE(check_scene(Upload(text).files, dark()));
+  text.insert(text.size() - 1, ",\"nodes\":[{\"mesh\":7}]");
+  EXPECT_FALSE(check_scene(Upload(text).files, dark()));
+}
+
+}  // namespace
+}  // namespace kiln::baker
