@@ -1,11 +1,13 @@
 #include "baker/atlas/atlas.h"
 
 #include <algorithm>
+#include <functional>
 #include <numeric>
 #include <tuple>
 
 #include "baker/atlas/layout.h"
 #include "baker/atlas/source_uv.h"
+#include "baker/atlas/stop.h"
 #include "baker/atlas/unwrap.h"
 
 namespace kiln::baker {
@@ -70,10 +72,9 @@ class AtlasBuilder {
       if (scene_.instances[i].part_count == 0) continue;
       keeps(i) ? add_source(i) : add_unwrapped(i);
     }
-    if (stop_.stop_requested()) return stopped();
-    sort_vertices();
+    if (stop_.stop_requested() || !sort_vertices()) return stopped();
     if (auto placed = place(); !placed) return proto::Unexpected(placed.error());
-    finish();
+    if (!finish()) return stopped();
     return std::move(atlas_);
   }
 
@@ -115,7 +116,8 @@ class AtlasBuilder {
 
   /// All charts of the instance move as one block; with a shared page, so do all instances.
   void add_source(std::uint32_t i) {
-    const Surface surface = weld(scene_, scene_.instances[i], WeldBy::kPositionAndUv);
+    const Surface surface = weld(scene_, scene_.instances[i], WeldBy::kPositionAndUv, stop_);
+    if (stop_.stop_requested()) return;
     std::uint32_t count = 0;
     const auto piece = connected_pieces(surface, &count);
     const std::uint32_t first = first_new_chart();
@@ -176,12 +178,13 @@ class AtlasBuilder {
     chart_block_.push_back(block);
   }
 
-  /// Vertices in order of part, scene vertex, chart: one for each combination.
-  void sort_vertices() {
-    std::sort(corners_.begin(), corners_.end(), [](const ChartVertex& a, const ChartVertex& b) {
+  /// Vertices in order of part, scene vertex, chart: one for each combination. False when stopped.
+  bool sort_vertices() {
+    const auto before = [](const ChartVertex& a, const ChartVertex& b) {
       return a.key() != b.key() ? a.key() < b.key()
                                 : std::tie(a.triangle, a.corner) < std::tie(b.triangle, b.corner);
-    });
+    };
+    if (!sort_unless_stopped(corners_, before, stop_)) return false;
     atlas_.part_first_vertex.assign(scene_.parts.size() + 1, 0);
     for (std::size_t i = 0; i < corners_.size(); ++i) {
       const ChartVertex& c = corners_[i];
@@ -195,6 +198,7 @@ class AtlasBuilder {
     auto& first = atlas_.part_first_vertex;
     for (std::size_t i = 1; i < first.size(); ++i) first[i] = std::max(first[i], first[i - 1]);
     corners_ = {};
+    return true;
   }
 
   // Placing.
@@ -257,7 +261,8 @@ class AtlasBuilder {
                   float((place.y - origin.y * place.height / extent.y) / side)};
   }
 
-  void finish() {
+  /// Bounds and density. False when stopped.
+  bool finish() {
     for (Chart& chart : atlas_.charts) {
       chart.min = {INFINITY, INFINITY};
       chart.max = {-INFINITY, -INFINITY};
@@ -276,7 +281,7 @@ class AtlasBuilder {
       density.emplace_back(std::sqrt(UvTriangle(atlas_, t).area() / area), area);
       total += area;
     }
-    std::sort(density.begin(), density.end());
+    if (!sort_unless_stopped(density, std::less<>(), stop_)) return false;
     double below = 0;
     for (const auto& [value, area] : density) {
       below += area;
@@ -284,6 +289,7 @@ class AtlasBuilder {
       atlas_.texels_per_metre = float(value);
       break;
     }
+    return true;
   }
 
   static constexpr std::uint32_t kNoBlock = 0xffffffffu;

@@ -2,14 +2,16 @@
 
 #include <vector>
 
+#include "baker/atlas/stop.h"
+
 namespace kiln::baker::atlas_detail {
 namespace {
 
-/// Convex hull, counter-clockwise, first point not repeated [Andrew 1979].
-std::vector<Point> convex_hull(std::vector<Point> p) {
+/// Convex hull, counter-clockwise, first point not repeated [Andrew 1979]. Empty when stopped.
+std::vector<Point> convex_hull(std::vector<Point> p, const std::stop_token& stop) {
   const auto before = [](Point a, Point b) { return a.x != b.x ? a.x < b.x : a.y < b.y; };
   const auto same = [](Point a, Point b) { return a.x == b.x && a.y == b.y; };
-  std::sort(p.begin(), p.end(), before);
+  if (!sort_unless_stopped(p, before, stop)) return {};
   p.erase(std::unique(p.begin(), p.end(), same), p.end());
   if (p.size() < 3) return p;
   std::vector<Point> hull;
@@ -71,7 +73,8 @@ Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> n
   return unit(sum);
 }
 
-ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis) {
+ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis,
+                          const std::stop_token& stop) {
   // The world axis that is least along the normal gives the first direction.
   const double ax = std::abs(axis.x), ay = std::abs(axis.y), az = std::abs(axis.z);
   const Vec3d helper = ax <= ay && ax <= az ? Vec3d{1, 0, 0}
@@ -84,7 +87,8 @@ ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis) {
   std::vector<Point> flat;
   flat.reserve(points.size());
   for (const Vec3 p : points) flat.push_back(frame.project(p));
-  const auto hull = convex_hull(std::move(flat));
+  const auto hull = convex_hull(std::move(flat), stop);
+  if (hull.empty()) return frame;
   Box box = smallest_box(hull);
   if (box.width() < box.height()) box = box_along(hull, -box.sine, box.cosine);
   const Vec3d u = frame.u, v = frame.v;

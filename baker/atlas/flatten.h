@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <stop_token>
 
 #include "baker/atlas/unwrap.h"
 
@@ -32,6 +33,7 @@ Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> n
 
 /// The frame across `axis` whose bounding rectangle of the points is least in area, width >=
 /// height. Looks at the convex hull's edges, at most 64 of them.
-ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis);
+/// When stopped, any frame.
+ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis, const std::stop_token&);
 
 }  // namespace kiln::baker::atlas_detail

@@ -137,7 +137,7 @@ class Packer {
         rects_.push_back({places_[i].width + gutter_, places_[i].height + gutter_});
       }
     }
-    if (!pack_square(rects_, side_)) return false;
+    if (!pack_square(rects_, side_, stop_)) return false;
     std::size_t next = 0;
     for (const Group& group : groups) {
       for (std::uint32_t i = group.first; i < group.first + group.count; ++i, ++next) {

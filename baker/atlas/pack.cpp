@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "baker/atlas/stop.h"
+
 namespace {
 
 /// std::stable_sort in qsort's place: equal rectangles must keep their order on every C library.
@@ -28,7 +30,9 @@ void stable_sort_rects(T* first, int count, std::size_t /*size*/, Compare compar
 
 namespace kiln::baker::atlas_detail {
 
-bool pack_square(std::span<PackRect> rects, std::uint32_t size) {
+constexpr std::size_t kPortion = 1024;  // rectangles between two looks at the stop token
+
+bool pack_square(std::span<PackRect> rects, std::uint32_t size, const std::stop_token& stop) {
   std::vector<stbrp_rect> work(rects.size());
   for (std::size_t i = 0; i < rects.size(); ++i) {
     if (rects[i].width > size || rects[i].height > size) return false;
@@ -36,13 +40,23 @@ bool pack_square(std::span<PackRect> rects, std::uint32_t size) {
     work[i].w = int(rects[i].width);
     work[i].h = int(rects[i].height);
   }
+  // In the library's own order, so that handing them over in portions changes nothing.
+  const auto before = [](const stbrp_rect& a, const stbrp_rect& b) {
+    return rect_height_compare(&a, &b) < 0;
+  };
+  if (!sort_unless_stopped(work, before, stop)) return false;
   stbrp_context context;
   std::vector<stbrp_node> nodes(size);
   stbrp_init_target(&context, int(size), int(size), nodes.data(), int(nodes.size()));
-  if (stbrp_pack_rects(&context, work.data(), int(work.size())) == 0) return false;
-  for (std::size_t i = 0; i < rects.size(); ++i) {
-    rects[i].x = std::uint32_t(work[i].x);
-    rects[i].y = std::uint32_t(work[i].y);
+  for (std::size_t i = 0; i < work.size(); i += kPortion) {
+    if (stop.stop_requested()) return false;
+    const std::size_t count = std::min(kPortion, work.size() - i);
+    if (stbrp_pack_rects(&context, &work[i], int(count)) == 0) return false;
+  }
+  for (const stbrp_rect& rect : work) {
+    PackRect& out = rects[std::size_t(rect.id)];
+    out.x = std::uint32_t(rect.x);
+    out.y = std::uint32_t(rect.y);
   }
   return true;
 }

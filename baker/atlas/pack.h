@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <stop_token>
 
 namespace kiln::baker::atlas_detail {
 
@@ -11,7 +12,8 @@ struct PackRect {
 };
 
 /// Places the rectangles in a square of `size` without overlap or rotation (skyline, tallest
-/// first). False when they do not all fit; x and y are then meaningless. Equal input, equal result.
-bool pack_square(std::span<PackRect>, std::uint32_t size);
+/// first). False when they do not all fit, or when stopped; x and y are then meaningless. Equal
+/// input, equal result.
+bool pack_square(std::span<PackRect>, std::uint32_t size, const std::stop_token&);
 
 }  // namespace kiln::baker::atlas_detail

@@ -109,8 +109,10 @@ void check_area(const Scene& scene, const Instance& instance, SourceUv& result) 
 }
 
 /// Connected pieces of mixed winding.
-void check_folds(const Scene& scene, const Instance& instance, SourceUv& result) {
-  const Surface surface = weld(scene, instance, WeldBy::kPositionAndUv);
+void check_folds(const Scene& scene, const Instance& instance, const std::stop_token& stop,
+                 SourceUv& result) {
+  const Surface surface = weld(scene, instance, WeldBy::kPositionAndUv, stop);
+  if (stop.stop_requested()) return;
   std::uint32_t count = 0;
   const auto piece = connected_pieces(surface, &count);
   struct Sides {
@@ -220,7 +222,7 @@ std::vector<SourceUv> check_source_uv(const Scene& scene, std::uint32_t texels,
     results.push_back(check_range(scene, instance));
     SourceUv& result = results.back();
     if (result.valid) check_area(scene, instance, result);
-    if (result.valid) check_folds(scene, instance, result);
+    if (result.valid) check_folds(scene, instance, stop, result);
   }
   check_overlaps(scene, texels, stop, results);
   if (stop.stop_requested()) return {};

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "baker/atlas/flatten.h"
+#include "baker/atlas/stop.h"
 
 namespace kiln::baker::atlas_detail {
 namespace {
@@ -20,22 +21,25 @@ constexpr std::uint32_t kNone = Surface::kNone;
 }  // namespace
 
 Unwrapped Unwrapper::unwrap(const Scene& scene, const Instance& instance, std::stop_token stop) {
-  load(scene, instance);
+  stop_ = std::move(stop);
+  if (!load(scene, instance)) return {};
   std::vector<std::uint32_t> seeds(surface_.triangles.size());
   std::iota(seeds.begin(), seeds.end(), 0u);
-  std::stable_sort(seeds.begin(), seeds.end(),
-                   [&](std::uint32_t a, std::uint32_t b) { return area_[a] > area_[b]; });
+  const auto larger = [&](std::uint32_t a, std::uint32_t b) { return area_[a] > area_[b]; };
+  if (!sort_unless_stopped(seeds, larger, stop_)) return {};
   for (const std::uint32_t seed : seeds) {
     if (chart_[seed] != kNone) continue;
-    if (stop.stop_requested()) return {};
     make_chart(seed);
+    if (stopped()) return {};
   }
   return {std::move(surface_.triangles), std::move(chart_), std::move(frames_)};
 }
 
-void Unwrapper::load(const Scene& scene, const Instance& instance) {
+/// False when stopped.
+bool Unwrapper::load(const Scene& scene, const Instance& instance) {
   scene_ = &scene;
-  surface_ = weld(scene, instance, WeldBy::kPosition);
+  surface_ = weld(scene, instance, WeldBy::kPosition, stop_);
+  if (stopped()) return false;
   const std::size_t n = surface_.triangles.size();
   normal_.resize(n);
   area_.resize(n);
@@ -51,12 +55,13 @@ void Unwrapper::load(const Scene& scene, const Instance& instance) {
   growth_ = 0;
   frames_.clear();
   limit_ = n;
+  return true;
 }
 
 void Unwrapper::make_chart(std::uint32_t seed) {
   const Vec3d axis = collect(seed);
   ChartFrame frame = frame_for(axis);
-  for (int i = 0; i < kMaxHalvings && is_wasteful(frame, axis); ++i) {
+  for (int i = 0; i < kMaxHalvings && !stopped() && is_wasteful(frame, axis); ++i) {
     halve(seed, frame);
     limit_growth();
     frame = frame_for(axis);
@@ -81,7 +86,7 @@ Vec3d Unwrapper::collect(std::uint32_t seed) {
       limit_growth();
       return axis;
     }
-    if (!limited || is_wasteful(frame_for(axis), axis)) return axis;
+    if (!limited || stopped() || is_wasteful(frame_for(axis), axis)) return axis;
     limit_ *= 4;
   }
 }
@@ -100,7 +105,8 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
   queue_.assign(1, {0, seed});
   Vec3d sum{};
   Vec3d axis = normal_[seed];
-  while (!queue_.empty() && members_.size() < limit) {
+  StopPoll stop(stop_);
+  while (!queue_.empty() && members_.size() < limit && !stop()) {
     std::pop_heap(queue_.begin(), queue_.end());
     const std::uint32_t face = queue_.back().face;
     queue_.pop_back();
@@ -161,7 +167,9 @@ OverlapGrid::Triangle Unwrapper::on_grid(std::uint32_t face) const {
 
 bool Unwrapper::covers_itself(const Vec3d& axis) {
   open_grid(axis);
+  StopPoll stop(stop_);
   return std::any_of(members_.begin(), members_.end(), [&](std::uint32_t face) {
+    if (stop()) return true;
     const auto triangle = on_grid(face);
     const auto found = grid_.probe(triangle);
     if (found.shallow > 0 || found.deep_with != OverlapGrid::kNone) return true;
@@ -179,7 +187,8 @@ void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
   std::vector<std::uint32_t> kept{seed};
   mark_[seed] = taken;
   grid_.add(on_grid(seed));
-  for (std::size_t i = 0; i < kept.size(); ++i) {
+  StopPoll stop(stop_);
+  for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
     for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
       const auto triangle = on_grid(next);
@@ -215,7 +224,8 @@ void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
   const bool side = middle(seed, frame) < frame.width / 2;
   std::vector<std::uint32_t> kept{seed};
   mark_[seed] = taken;
-  for (std::size_t i = 0; i < kept.size(); ++i) {
+  StopPoll stop(stop_);
+  for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
     for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
       if ((middle(next, frame) < frame.width / 2) != side) continue;
@@ -234,7 +244,7 @@ ChartFrame Unwrapper::frame_for(const Vec3d& axis) const {
       corners.push_back(scene_->positions[v]);
     }
   }
-  return smallest_frame(corners, axis);
+  return smallest_frame(corners, axis, stop_);
 }
 
 }  // namespace kiln::baker::atlas_detail

@@ -58,7 +58,7 @@ class Unwrapper {
       return deviation != o.deviation ? deviation > o.deviation : face > o.face;
     }
   };
-  void load(const Scene&, const Instance&);
+  bool load(const Scene&, const Instance&);
   void make_chart(std::uint32_t seed);
   Vec3d collect(std::uint32_t seed);
   void grow(std::uint32_t seed, bool fixed_axis, std::size_t limit);
@@ -74,7 +74,10 @@ class Unwrapper {
   OverlapGrid::Triangle on_grid(std::uint32_t face) const;
   void open_grid(const Vec3d& axis);
 
+  bool stopped() const { return stop_.stop_requested(); }
+
   double texel_m_ = 0;
+  std::stop_token stop_;  ///< once it is requested, what the steps leave is not used
   const Scene* scene_ = nullptr;
   Surface surface_;
   std::vector<Vec3d> normal_;         ///< per face, unit

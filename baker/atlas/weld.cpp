@@ -4,6 +4,8 @@
 #include <numeric>
 #include <tuple>
 
+#include "baker/atlas/stop.h"
+
 namespace kiln::baker::atlas_detail {
 namespace {
 
@@ -16,8 +18,10 @@ struct Corner {
 };
 
 /// One number per scene vertex of the instance (relative to the first one), equal where welded.
+/// Empty when stopped.
 std::vector<std::uint32_t> weld_vertices(const Scene& scene, const Instance& instance, WeldBy by,
-                                         std::uint32_t first_vertex, std::uint32_t end_vertex) {
+                                         std::uint32_t first_vertex, std::uint32_t end_vertex,
+                                         const std::stop_token& stop) {
   std::vector<Corner> corners;
   corners.reserve(end_vertex - first_vertex);
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
@@ -28,9 +32,10 @@ std::vector<std::uint32_t> weld_vertices(const Scene& scene, const Instance& ins
       corners.push_back({scene.positions[v], uv, v});
     }
   }
-  std::sort(corners.begin(), corners.end(), [](const Corner& a, const Corner& b) {
+  const auto before = [](const Corner& a, const Corner& b) {
     return a.key() != b.key() ? a.key() < b.key() : a.vertex < b.vertex;
-  });
+  };
+  if (!sort_unless_stopped(corners, before, stop)) return {};
   std::vector<std::uint32_t> id(end_vertex - first_vertex, 0);
   std::uint32_t next = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -57,7 +62,7 @@ std::uint32_t find(std::vector<std::uint32_t>& parent, std::uint32_t i) {
 
 }  // namespace
 
-Surface weld(const Scene& scene, const Instance& instance, WeldBy by) {
+Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std::stop_token& stop) {
   Surface surface;
   std::uint32_t first_vertex = 0xffffffffu, end_vertex = 0;
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
@@ -70,7 +75,8 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by) {
   }
   if (surface.triangles.empty()) return surface;
   std::sort(surface.triangles.begin(), surface.triangles.end());
-  const auto id = weld_vertices(scene, instance, by, first_vertex, end_vertex);
+  const auto id = weld_vertices(scene, instance, by, first_vertex, end_vertex, stop);
+  if (id.empty()) return {};
   std::vector<HalfEdge> edges;
   edges.reserve(surface.triangles.size() * 3);
   for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) {
@@ -81,10 +87,11 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by) {
       if (a != b) edges.push_back({std::min(a, b), std::max(a, b), t, k, a < b, two});
     }
   }
-  std::sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) {
+  const auto before = [](const HalfEdge& a, const HalfEdge& b) {
     return a.key() != b.key() ? a.key() < b.key()
                               : std::tie(a.triangle, a.edge) < std::tie(b.triangle, b.edge);
-  });
+  };
+  if (!sort_unless_stopped(edges, before, stop)) return {};
   surface.neighbour.assign(surface.triangles.size(),
                            {Surface::kNone, Surface::kNone, Surface::kNone});
   for (std::size_t begin = 0, end = 0; begin < edges.size(); begin = end) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "baker/scene/scene.h"
@@ -24,8 +25,9 @@ enum class WeldBy {
   kPosition,       ///< equal position
   kPositionAndUv,  ///< equal position and equal TEXCOORD_1: neighbours are neighbours on the page
 };
-/// For kPositionAndUv, neighbours may have either winding: a fold is still one piece.
-Surface weld(const Scene&, const Instance&, WeldBy);
+/// For kPositionAndUv, neighbours may have either winding: a fold is still one piece. An empty
+/// surface when stopped.
+Surface weld(const Scene&, const Instance&, WeldBy, const std::stop_token&);
 
 /// Numbers the connected pieces from 0 in order of their first triangle; one entry per triangle of
 /// the surface.

@@ -1,0 +1,92 @@
+// A stop request is seen within a second, wherever the work is.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <thread>
+
+#include "baker/atlas/atlas.h"
+#include "baker/atlas/stop.h"
+#include "support/sanitizer.h"
+#include "support/scenes.h"
+
+namespace kiln::baker {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+/// Hills of n x n cells; `loose`: no two triangles share an edge, so that each is a chart.
+Scene hills(std::uint32_t n, bool loose) {
+  test::Mesh m;
+  const auto at = [n](std::uint32_t x, std::uint32_t z) {
+    const float u = float(x) / float(n), v = float(z) / float(n);
+    return Vec3{20 * u, 2 * std::sin(9 * u) * std::cos(7 * v) + 3 * u * v, 20 * v};
+  };
+  const auto add = [&](Vec3 a, Vec3 b, Vec3 c, float lift) {
+    const auto first = std::uint32_t(m.positions.size());
+    for (const Vec3 p : {a, b, c}) m.positions.push_back(p + Vec3{0, lift, 0});
+    m.triangles.push_back({first, first + 1, first + 2});
+  };
+  for (std::uint32_t z = 0; z < n; ++z) {
+    for (std::uint32_t x = 0; x < n; ++x) {
+      const float lift = loose ? 0.01f * float((x + z) % 3) : 0;
+      add(at(x, z), at(x, z + 1), at(x + 1, z), lift);
+      add(at(x + 1, z), at(x, z + 1), at(x + 1, z + 1), loose ? lift + 0.1f : 0);
+    }
+  }
+  return test::SceneBuilder().part(m).build();
+}
+
+/// How long build_atlas goes on after a stop that comes `delay` after its start; 0 when it was done
+/// before.
+double seconds_after_stop(const Scene& scene, Clock::duration delay) {
+  std::stop_source source;
+  Clock::time_point stopped;
+  std::jthread stopper([&] {
+    std::this_thread::sleep_for(delay);
+    stopped = Clock::now();
+    source.request_stop();
+  });
+  const auto atlas = build_atlas(scene, {}, source.get_token());
+  const auto end = Clock::now();
+  stopper.join();
+  if (atlas || atlas.error().code != proto::kCanceledCode) return 0;
+  return std::chrono::duration<double>(end - stopped).count();
+}
+
+constexpr std::uint32_t kCells = test::kSlowdown > 1 ? 300 : 1000;  // two triangles each
+
+TEST(Stop, UnwrappingTwoMillionTrianglesEndsWithinASecond) {
+  const Scene scene = hills(kCells, false);
+  for (const auto delay : {100ms, 400ms, 1000ms, 2000ms, 3000ms}) {
+    EXPECT_LT(seconds_after_stop(scene, delay / test::kSlowdown), 1.0) << delay.count() << " ms";
+  }
+  EXPECT_GT(seconds_after_stop(scene, 100ms / test::kSlowdown), 0) << "was done before the stop";
+}
+
+TEST(Stop, TwoMillionChartsToo) {
+  const Scene scene = hills(kCells, true);
+  for (const auto delay : {100ms, 1500ms, 4000ms}) {
+    EXPECT_LT(seconds_after_stop(scene, delay / test::kSlowdown), 1.0) << delay.count() << " ms";
+  }
+}
+
+TEST(Stop, TheStoppableSortIsAStableSort) {
+  std::uint32_t state = 1;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> values;
+  for (std::uint32_t i = 0; i < 300'001; ++i) {
+    state = state * 1664525u + 1013904223u;
+    values.emplace_back(state >> 20, i);
+  }
+  auto expected = values;
+  const auto less = [](const auto& a, const auto& b) { return a.first < b.first; };
+  std::stable_sort(expected.begin(), expected.end(), less);
+  EXPECT_TRUE(atlas_detail::sort_unless_stopped(values, less, {}));
+  EXPECT_EQ(values, expected);
+  std::stop_source source;
+  source.request_stop();
+  EXPECT_FALSE(atlas_detail::sort_unless_stopped(values, less, source.get_token()));
+}
+
+}  // namespace
+}  // namespace kiln::baker
