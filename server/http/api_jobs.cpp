@@ -202,8 +202,9 @@ Response Api::get_events(Request& request) {
     auto now = jobs_.get(job->id);
     if (!now) return problem(now.error(), request);
     stream.intro += sse_text({tail.last, "snapshot", proto::to_text(proto::to_json(*now))});
-    stream.after =
-        tail.ended && tail.last > 0 ? tail.last - 1 : tail.last;  // job.end comes in any case
+    // job.end comes in any case: where it is the last event, it follows the snapshot.
+    const bool over = ring->after(tail.last, 0).ended;
+    stream.after = over ? tail.last - 1 : tail.last;
   }
   response.content_type = "text/event-stream";
   response.header("Cache-Control", "no-store").header("X-Accel-Buffering", "no");

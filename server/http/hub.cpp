@@ -17,6 +17,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr const char* kDraining = "event: server.draining\ndata: {}\n\n";
+
 void add_chunk(std::string& out, const std::string& text) {
   if (text.empty()) return;
   std::array<char, 24> size{};
@@ -39,8 +41,9 @@ std::string sse_text(const proto::Event& event) {
   return text + "event: " + event.type + "\ndata: " + event.data + "\n\n";
 }
 
-Hub::Hub(std::chrono::milliseconds heartbeat)
+Hub::Hub(std::chrono::milliseconds heartbeat, std::chrono::milliseconds stall)
     : heartbeat_(heartbeat),
+      stall_(stall),
       epoll_(::epoll_create1(EPOLL_CLOEXEC)),
       wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
   if (!epoll_.valid() || !wake_.valid())
@@ -130,7 +133,7 @@ void Hub::on_socket(int fd, std::uint32_t events) {
 void Hub::beat() {
   std::vector<int> stalled;
   for (const auto& [fd, client] : clients_)
-    if (client.waiting && Clock::now() - client.progress > kStall) stalled.push_back(fd);
+    if (client.waiting && Clock::now() - client.progress > stall_) stalled.push_back(fd);
   dropped_ += stalled.size();
   for (const int fd : stalled) drop(fd);
   say_all(": hb\n\n");
@@ -150,6 +153,21 @@ void Hub::serve(int fd) {
   }
 }
 
+// A stream that begins while the server drains hears of it like the others.
+void Hub::welcome(Stream stream) {
+  const int fd = stream.socket.get();
+  followers_[stream.ring.get()].insert(fd);
+  watch(epoll_.get(), fd, EPOLL_CTL_ADD, EPOLLIN | EPOLLRDHUP);
+  Client& client = clients_[fd];
+  client.socket = std::move(stream.socket);
+  client.ring = std::move(stream.ring);
+  client.sent = stream.after;
+  add_chunk(client.out, stream.intro + (draining_ ? kDraining : ""));
+  client.progress = Clock::now();
+  streams_ = clients_.size();
+  serve(fd);
+}
+
 void Hub::take_requests() {
   std::vector<Stream> arrivals;
   std::set<const EventRing*> news;
@@ -160,26 +178,16 @@ void Hub::take_requests() {
     news.swap(news_);
     std::swap(announce, announce_);
   }
-  for (auto& stream : arrivals) {
-    const int fd = stream.socket.get();
-    followers_[stream.ring.get()].insert(fd);
-    watch(epoll_.get(), fd, EPOLL_CTL_ADD, EPOLLIN | EPOLLRDHUP);
-    Client& client = clients_[fd];
-    client.socket = std::move(stream.socket);
-    client.ring = std::move(stream.ring);
-    client.sent = stream.after;
-    add_chunk(client.out, stream.intro);
-    client.progress = Clock::now();
-    streams_ = clients_.size();
-    serve(fd);
-  }
+  for (auto& stream : arrivals) welcome(std::move(stream));
   for (const EventRing* ring : news) {
     const auto found = followers_.find(ring);
     if (found == followers_.end()) continue;
     const std::set<int> fds = found->second;  // serving may drop some
     for (const int fd : fds) serve(fd);
   }
-  if (announce) say_all("event: server.draining\ndata: {}\n\n");
+  if (!announce) return;
+  draining_ = true;
+  say_all(kDraining);
 }
 
 bool Hub::feed(Client& client) {

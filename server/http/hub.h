@@ -25,7 +25,9 @@ class Hub {
   static constexpr std::size_t kFeed = 32 * 1024;  ///< bytes kept ready for one client
   static constexpr std::chrono::seconds kStall{60};
 
-  explicit Hub(std::chrono::milliseconds heartbeat = std::chrono::seconds(15));
+  /// `stall`: how long a client may take nothing of what waits for it.
+  explicit Hub(std::chrono::milliseconds heartbeat = std::chrono::seconds(15),
+               std::chrono::milliseconds stall = kStall);
   ~Hub();
   Hub(const Hub&) = delete;
   Hub& operator=(const Hub&) = delete;
@@ -39,7 +41,7 @@ class Hub {
   void adopt(Stream);
   /// The ring has a new event. Cheap; any thread.
   void notify(const EventRing*);
-  /// Tells every client that the server is going; streams go on.
+  /// Tells every client, present and to come, that the server is going; streams go on.
   void announce_draining();
   /// Ends every stream and joins.
   void stop();
@@ -61,6 +63,7 @@ class Hub {
   void loop();
   void wake() const;
   void take_requests();
+  void welcome(Stream);
   void on_socket(int fd, std::uint32_t events);
   bool feed(Client&);  ///< false: the client is lost
   void serve(int fd);
@@ -70,10 +73,11 @@ class Hub {
   void drop(int fd);
   void end_all();
 
-  std::chrono::milliseconds heartbeat_;
+  std::chrono::milliseconds heartbeat_, stall_;
   Fd epoll_, wake_;
   std::map<int, Client> clients_;                        ///< the hub's thread only
   std::map<const EventRing*, std::set<int>> followers_;  ///< the hub's thread only
+  bool draining_ = false;                                ///< the hub's thread only
   std::mutex mutex_;
   std::vector<Stream> arrivals_;     ///< guarded by mutex_
   std::set<const EventRing*> news_;  ///< guarded by mutex_

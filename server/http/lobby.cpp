@@ -106,8 +106,11 @@ void Lobby::take_arrivals() {
 
 void Lobby::admit(Guest guest) {
   const int fd = guest.connection->fd();
-  if (guests_.size() >= limits_.connections && guest.mode != Mode::kLinger)
+  const bool leaving = guest.mode == Mode::kLinger;
+  if (leaving && lingering_ >= limits_.connections) return;  // closes it
+  if (!leaving && guests_.size() - lingering_ >= limits_.connections)
     return begin_linger(std::move(guest), "overloaded");
+  if (leaving) ++lingering_;
   guests_[fd] = std::move(guest);
   watch(epoll_.get(), fd);
   look_at(fd);  // bytes of the next request may be in its buffer already
@@ -115,7 +118,9 @@ void Lobby::admit(Guest guest) {
 
 void Lobby::drop(int fd) {
   ::epoll_ctl(epoll_.get(), EPOLL_CTL_DEL, fd, nullptr);
-  guests_.erase(fd);
+  const auto found = guests_.find(fd);
+  if (found->second.mode == Mode::kLinger) --lingering_;
+  guests_.erase(found);
 }
 
 void Lobby::look_at(int fd) {

@@ -79,19 +79,10 @@ bool Wire::closed(std::chrono::milliseconds time) const {
   return false;
 }
 
-Answer ask(std::uint16_t port, const std::string& method, const std::string& target,
-           const std::vector<std::string>& headers, const std::string& body) {
-  const Wire wire(port);
-  std::string head = method + " " + target + " HTTP/1.1\r\nHost: test\r\nConnection: close\r\n";
-  for (const auto& header : headers) head += header + "\r\n";
-  if (method == "POST") head += "Content-Length: " + std::to_string(body.size()) + "\r\n";
-  wire.send(head + "\r\n" + body);
-  const std::string text = wire.read({}, std::chrono::seconds(60));
-  Answer answer;
+bool read_head(const std::string& text, Answer& answer) {
   const auto end = text.find("\r\n\r\n");
-  if (!text.starts_with("HTTP/1.1 ") || end == std::string::npos) return answer;
+  if (!text.starts_with("HTTP/1.1 ") || end == std::string::npos) return false;
   answer.status = std::stoi(text.substr(9, 3));
-  answer.body = text.substr(end + 4);
   for (auto at = text.find("\r\n") + 2; at < end;) {
     const auto line_end = text.find("\r\n", at);
     const auto colon = text.find(':', at);
@@ -101,6 +92,19 @@ Answer ask(std::uint16_t port, const std::string& method, const std::string& tar
     answer.headers[name] = text.substr(colon + 2, line_end - colon - 2);
     at = line_end + 2;
   }
+  return true;
+}
+
+Answer ask(std::uint16_t port, const std::string& method, const std::string& target,
+           const std::vector<std::string>& headers, const std::string& body) {
+  const Wire wire(port);
+  std::string head = method + " " + target + " HTTP/1.1\r\nHost: test\r\nConnection: close\r\n";
+  for (const auto& header : headers) head += header + "\r\n";
+  if (method == "POST") head += "Content-Length: " + std::to_string(body.size()) + "\r\n";
+  wire.send(head + "\r\n" + body);
+  const std::string text = wire.read({}, std::chrono::seconds(60));
+  Answer answer;
+  if (read_head(text, answer)) answer.body = text.substr(text.find("\r\n\r\n") + 4);
   return answer;
 }
 

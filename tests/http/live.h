@@ -49,6 +49,9 @@ struct Answer {
   std::string body;
 };
 
+/// Reads status line and header lines into the answer; false when they are none.
+bool read_head(const std::string& text, Answer&);
+
 /// One request on a connection of its own.
 Answer ask(std::uint16_t port, const std::string& method, const std::string& target,
            const std::vector<std::string>& headers = {}, const std::string& body = {});

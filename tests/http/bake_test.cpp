@@ -1,0 +1,197 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "clients/client.h"
+#include "event_stream.h"
+#include "program.h"
+
+/// Real bakes by the built program, through curl and through our client.
+namespace kiln::server {
+namespace {
+
+class Bakes : public testing::Test {
+ protected:
+  TemporaryFolder folder;
+  Program program{folder.path() / "data"};
+
+  std::string job_url(const std::string& id, const std::string& rest = "") const {
+    return program.url("/v1/jobs/" + id + rest);
+  }
+};
+
+TEST_F(Bakes, ASceneWithoutSettingsBecomesVerifiedFiles) {
+  const std::string id = post_job(program, write_small_scene(folder.path()));
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const Answer list = curl(job_url(id, "/results"));
+  ASSERT_EQ(list.status, 200);
+  const auto manifest = nlohmann::json::parse(list.body);
+  std::set<std::string> names;
+  for (const auto& file : manifest["files"]) {
+    const std::string name = file["name"];
+    names.insert(name);
+    const Answer got = curl(program.url(file["href"]));
+    EXPECT_EQ(got.status, 200) << name;
+    EXPECT_EQ(got.headers.at("content-type"), file["media_type"]) << name;
+    EXPECT_EQ(got.body.size(), file["bytes"].get<std::size_t>()) << name;
+    Sha256 hash;
+    hash.update(got.body);
+    const std::string digest = hash.hex();
+    EXPECT_EQ(file["sha256"], digest) << name;
+    EXPECT_EQ(got.headers.at("etag"), "\"" + digest + "\"") << name;
+  }
+  EXPECT_EQ(names,
+            (std::set<std::string>{"lit.glb", "manifest.json", "page_00.exr", "page_00.png"}));
+  EXPECT_EQ(curl("-X DELETE " + job_url(id)).status, 204);
+  EXPECT_EQ(curl(job_url(id, "/results")).status, 404);
+}
+
+TEST_F(Bakes, ADownloadIsResumedByRange) {
+  const std::string id = post_job(program, write_small_scene(folder.path()));
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=60") + "'").body, "state"), "succeeded");
+  const std::string url = job_url(id, "/results/lit.glb");
+  const Answer whole = curl(url);
+  ASSERT_GT(whole.body.size(), 1000u);
+  const std::string size = std::to_string(whole.body.size());
+  const std::string etag = whole.headers.at("etag");
+  const Answer rest = curl("-r 500- -H 'If-Range: " + etag + "' " + url);
+  EXPECT_EQ(rest.status, 206);
+  EXPECT_EQ(rest.body, whole.body.substr(500));
+  EXPECT_EQ(rest.headers.at("content-range"),
+            "bytes 500-" + std::to_string(whole.body.size() - 1) + "/" + size);
+  EXPECT_EQ(curl("-r -10 " + url).body, whole.body.substr(whole.body.size() - 10));
+  EXPECT_EQ(curl("-r 500- -H 'If-Range: \"other\"' " + url).body, whole.body);
+  EXPECT_EQ(curl("-H 'If-None-Match: " + etag + "' " + url).status, 304);
+  const Answer beyond = curl("-r " + size + "- " + url);
+  EXPECT_EQ(beyond.status, 416);
+  EXPECT_EQ(beyond.headers.at("content-range"), "bytes */" + size);
+  // curl's own way to go on with a file that was cut.
+  const std::string part = (folder.path() / "part").string();
+  std::ofstream(part, std::ios::binary) << whole.body.substr(0, 700);
+  EXPECT_EQ(std::system(("curl -s -C - -o " + part + " " + url).c_str()), 0);
+  EXPECT_EQ(digest_file(part)->sha256, whole.headers.at("etag").substr(1, 64));
+}
+
+TEST_F(Bakes, OurClientSubmitsFollowsAndFetches) {
+  clients::Client client(clients::parse_server_url(program.url()).value());
+  const auto scene = write_small_scene(folder.path());
+  const auto job = client.submit({scene, {}, R"({"solver":{"samples":16}})"});
+  ASSERT_TRUE(job) << job.error().message;
+  std::vector<std::string> types;
+  std::uint64_t last = 0;
+  const auto followed = client.follow(job->id, 0, [&](const proto::Event& event) {
+    EXPECT_EQ(event.id, ++last);
+    types.push_back(event.type);
+    return true;
+  });
+  ASSERT_TRUE(followed) << followed.error().message;
+  EXPECT_EQ(types.back(), "job.end");
+  for (const char* type : {"job.state", "job.progress", "pass.completed", "result.ready"})
+    EXPECT_NE(std::find(types.begin(), types.end(), type), types.end()) << type;
+  const auto files = client.results(job->id);
+  ASSERT_TRUE(files);
+  for (const auto& file : *files)
+    EXPECT_TRUE(client.download(job->id, file, folder.path())) << file.name;
+  EXPECT_EQ(digest_file(folder.path() / "lit.glb")->sha256,
+            std::find_if(files->begin(), files->end(), [](const auto& f) {
+              return f.name == "lit.glb";
+            })->sha256);
+}
+
+TEST_F(Bakes, APreviewWhileItRunsAndAfterwards) {
+  const std::string settings = R"({"atlas":{"page_size":128},"solver":{"samples":64}})";
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), settings);
+  EventStream stream(program.port(), id);
+  ASSERT_TRUE(stream.wait_for("pass.completed"));
+  // The snapshot follows its event; the job goes on for longer than one request takes.
+  Answer early;
+  do {
+    early = ask(program.port(), "GET", "/v1/jobs/" + id + "/preview?page=0&pass=latest");
+  } while (early.status == 425 && stream.count("job.end") == 0);
+  EXPECT_EQ(early.status, 200) << early.body;
+  EXPECT_EQ(early.headers.at("content-type"), "image/png");
+  EXPECT_TRUE(early.body.starts_with("\x89PNG\r\n"));
+  ASSERT_TRUE(stream.wait_for("job.end"));
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=10") + "'").body, "state"), "succeeded");
+  const Answer late = curl(job_url(id, "/preview"));
+  EXPECT_EQ(late.status, 200);
+  EXPECT_TRUE(late.body.starts_with("\x89PNG\r\n"));
+  EXPECT_NE(late.headers.at("etag"), early.headers.at("etag"));
+  const std::string tag = "-H 'If-None-Match: " + late.headers.at("etag") + "' ";
+  EXPECT_EQ(curl(tag + job_url(id, "/preview")).status, 304);
+  const Answer dark = curl("'" + job_url(id, "/preview?exposure=1e-9") + "'");
+  EXPECT_EQ(dark.status, 200);
+  EXPECT_NE(dark.body, late.body);
+  EXPECT_EQ(curl("'" + job_url(id, "/preview?page=7") + "'").status, 404);
+  for (const char* query : {"?exposure=0", "?exposure=nan", "?page=x", "?pass=first"})
+    EXPECT_EQ(curl("'" + job_url(id, std::string("/preview") + query) + "'").status, 400) << query;
+}
+
+TEST_F(Bakes, ACancelTakesLessThanASecond) {
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
+  EventStream stream(program.port(), id);
+  while (stream.events().empty() ||
+         stream.events().back().data.find("\"solve\"") == std::string::npos)
+    ASSERT_TRUE(stream.wait_next());
+  const auto began = std::chrono::steady_clock::now();
+  EXPECT_EQ(curl("-X POST " + job_url(id, "/cancel")).status, 202);
+  ASSERT_TRUE(stream.wait_for("job.end"));
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1));
+  EXPECT_NE(stream.events().back().data.find("\"canceled\""), std::string::npos);
+  EXPECT_EQ(curl("-X POST " + job_url(id, "/cancel")).status, 200);
+}
+
+TEST_F(Bakes, WhatIsWrongWithTheInputIsNamedBeforeAJobExists) {
+  const auto scene = write_small_scene(folder.path());
+  const auto expect = [&](const std::string& arguments, int status, const std::string& code,
+                          const std::string& source, const std::string& pointer) {
+    const Answer answer = curl(arguments + program.url("/v1/jobs"));
+    ASSERT_EQ(answer.status, status) << arguments << answer.body;
+    EXPECT_EQ(answer.headers.at("content-type"), "application/problem+json");
+    const auto problem = nlohmann::json::parse(answer.body);
+    EXPECT_EQ(problem["code"], code) << answer.body;
+    EXPECT_EQ(problem["status"], status);
+    EXPECT_EQ(problem["request_id"], answer.headers.at("x-request-id"));
+    if (source.empty()) return;
+    ASSERT_FALSE(problem["errors"].empty()) << answer.body;
+    EXPECT_EQ(problem["errors"][0]["source"], source) << answer.body;
+    EXPECT_EQ(problem["errors"][0]["pointer"], pointer) << answer.body;
+  };
+  const auto text = [&](const char* name, const std::string& content) {
+    std::ofstream(folder.path() / name, std::ios::binary) << content;
+    return "-F scene=@" + (folder.path() / name).string() + " ";
+  };
+  const auto settings = [&](const char* json) { return job_form(scene, json); };
+  const std::string glb = [&] {
+    std::ifstream in(scene, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  }();
+  expect(settings(R"({"solver":{"samples":"many"}})"), 422, "invalid_settings", "settings",
+         "/solver/samples");
+  expect(settings(R"({"atlas":{"gutter":-1}})"), 422, "invalid_settings", "settings",
+         "/atlas/gutter");
+  expect(settings(R"({"a/b":1})"), 422, "invalid_settings", "settings", "/a~1b");
+  expect(settings("{"), 400, "invalid_json", "", "");
+  expect(text("no.glb", "PNG is no scene"), 422, "invalid_scene", "scene", "");
+  expect(text("cut.glb", glb.substr(0, glb.size() - 100)), 422, "invalid_scene", "scene", "");
+  expect(
+      text("uri.gltf", R"({"asset":{"version":"2.0"},"buffers":[{"uri":"../x","byteLength":4}]})"),
+      422, "invalid_scene", "scene", "/buffers/0/uri");
+  expect(text("loop.gltf", R"({"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],
+         "nodes":[{"children":[1]},{"children":[0]}]})"),
+         422, "invalid_scene", "scene", "/nodes/0/children");
+  expect(text("new.gltf", R"({"asset":{"version":"2.0"},"extensionsUsed":["EXT_new"],
+         "extensionsRequired":["EXT_new"]})"),
+         422, "unsupported_extension", "scene", "/extensionsRequired/0");
+  const auto dark = write_scene(folder.path(), "tilted_plane");
+  expect(job_form(dark), 422, "no_light", "", "");
+  EXPECT_EQ(nlohmann::json::parse(curl(program.url("/v1/jobs")).body)["items"].size(), 0u);
+  EXPECT_EQ(ask(program.admin_port(), "GET", "/readyz").status, 200);
+}
+
+}  // namespace
+}  // namespace kiln::server

@@ -1,0 +1,31 @@
+#include "server/http/worker_pool.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <latch>
+
+namespace kiln::server {
+namespace {
+
+TEST(WorkerPool, RefusesWhatItCanNotHoldAndRunsWhatItTook) {
+  std::latch started(1), go(1);
+  std::atomic<int> ran{0};
+  {
+    WorkerPool pool(1, /*max_waiting=*/2);
+    ASSERT_TRUE(pool.enqueue([&] {
+      started.count_down();
+      go.wait();
+      ++ran;
+    }));
+    started.wait();
+    EXPECT_TRUE(pool.enqueue([&] { ++ran; }));
+    EXPECT_TRUE(pool.enqueue([&] { ++ran; }));
+    EXPECT_FALSE(pool.enqueue([&] { ++ran; }));
+    go.count_down();
+  }
+  EXPECT_EQ(ran, 3);
+}
+
+}  // namespace
+}  // namespace kiln::server
