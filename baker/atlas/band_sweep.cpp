@@ -13,8 +13,10 @@ std::uint32_t key_of(int x, int y) {
 
 }  // namespace
 
-BandSweep::BandSweep(const Atlas& atlas)
-    : atlas_(atlas), bands_((atlas.page_size + kBlock - 1) / kBlock) {
+BandSweep::BandSweep(const Atlas& atlas, std::size_t max_fragments)
+    : atlas_(atlas),
+      max_fragments_(max_fragments),
+      bands_((atlas.page_size + kBlock - 1) / kBlock) {
   constexpr std::uint32_t kFlat = 0xffffffffu;
   const auto count = std::uint32_t(atlas.triangles.size());
   first_.assign(std::size_t(atlas.page_count) * bands_ + 1, 0);
@@ -65,7 +67,7 @@ bool BandSweep::cut_active() {
     for_texels(uv.polygon(), y0, y1, int(atlas_.page_size), [&](int x, int y, double area) {
       fragments_.push_back({key_of(x, y), t, area});
     });
-    if (fragments_.size() > kMaxFragments) return false;
+    if (fragments_.size() > max_fragments_) return false;
     if (std::max({uv.p[0].y, uv.p[1].y, uv.p[2].y}) > y1) active_[kept++] = t;
   }
   active_.resize(kept);

@@ -20,20 +20,18 @@ struct Fragment {
 /// bounded by the triangles and one band, whatever the page's size.
 class BandSweep {
  public:
-  explicit BandSweep(const Atlas&);
+  BandSweep(const Atlas&, std::size_t max_fragments);
 
   std::uint32_t bands() const { return bands_; }
   /// Triangles without area on their page; they have no fragments.
   const std::vector<std::uint32_t>& flat_triangles() const { return flat_; }
 
   /// Fragments of the next band in (page, band) order, sorted by texel, then by first row of their
-  /// triangle and its index. False when a band holds more than kMaxFragments.
+  /// triangle and its index. False when a band holds more than max_fragments.
   bool next();
   std::uint32_t page() const { return page_; }
   std::uint32_t band() const { return band_; }
   const std::vector<Fragment>& fragments() const { return sorted_; }
-
-  static constexpr std::size_t kMaxFragments = std::size_t(1) << 25;
 
  private:
   void start_triangles();
@@ -41,6 +39,7 @@ class BandSweep {
   void sort_by_texel();
 
   const Atlas& atlas_;
+  std::size_t max_fragments_ = 0;
   std::uint32_t bands_ = 0;  ///< per page
   std::uint32_t page_ = 0, band_ = 0, step_ = 0;
   std::vector<std::uint32_t> first_;   ///< per (page, band): begin in order_

@@ -91,10 +91,10 @@ class Rasteriser {
   Rasteriser(const Scene& scene, const Atlas& atlas)
       : scene_(scene), atlas_(atlas), setups_(scene, atlas) {}
 
-  proto::Expected<TextureGroup> run(std::stop_token stop) {
+  proto::Expected<TextureGroup> run(std::stop_token stop, std::size_t max_pieces) {
     open_pages();
     reserve();
-    BandSweep sweep(atlas_);
+    BandSweep sweep(atlas_, max_pieces);
     for (std::uint32_t i = 0; i < atlas_.page_count * sweep.bands(); ++i) {
       if (stop.stop_requested())
         return proto::fail(proto::kCanceledCode, "stopped while rasterising");
@@ -318,8 +318,8 @@ class Rasteriser {
 }  // namespace
 
 proto::Expected<TextureGroup> rasterise(const Scene& scene, const Atlas& atlas,
-                                        std::stop_token stop) {
-  return Rasteriser(scene, atlas).run(stop);
+                                        std::stop_token stop, std::size_t max_pieces) {
+  return Rasteriser(scene, atlas).run(stop, max_pieces);
 }
 
 }  // namespace kiln::baker

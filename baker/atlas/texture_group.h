@@ -74,8 +74,9 @@ struct TextureGroup {
 /// on the page has no texel: its area goes to its chart's nearest texel within two steps, if there
 /// is one, and a look-up on it reads its neighbours. `position`, normals and `triangle` belong
 /// together: they are of the triangle that covers most, at its nearest point to the footprint's
-/// centroid. Errors: `limit_exceeded` (2^25 pieces of triangles in eight rows of a page),
-/// `canceled`.
-proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {});
+/// centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles in eight rows of
+/// a page), `canceled`.
+proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {},
+                                        std::size_t max_pieces = std::size_t(1) << 25);
 
 }  // namespace kiln::baker

@@ -240,5 +240,123 @@ TEST(Rasterise, StopsWhenTold) {
   EXPECT_EQ(group.error().code, proto::kCanceledCode);
 }
 
+// Textures ----------------------------------------------------------------------------------------
+
+using Texel8 = std::array<std::uint8_t, 4>;
+
+/// Red in every other column, green in every other row, blue without a pattern.
+Texel8 pattern(std::uint32_t x, std::uint32_t y) {
+  return {std::uint8_t(x % 2 ? 255 : 0), std::uint8_t(y % 2 ? 255 : 0),
+          std::uint8_t((x * 37 + y * 101) % 256), 255};
+}
+
+/// Adds an image of side x side pixels to the scene, seen without interpolation.
+Texture add_image(Scene& scene, std::uint32_t side,
+                  Texel8 (*colour)(std::uint32_t, std::uint32_t)) {
+  scene.images.push_back({side, side, scene.image_texels.size()});
+  for (std::uint32_t y = 0; y < side; ++y) {
+    for (std::uint32_t x = 0; x < side; ++x) scene.image_texels.push_back(colour(x, y));
+  }
+  return {std::int32_t(scene.images.size() - 1), Wrap::kRepeat, Wrap::kRepeat, true};
+}
+
+/// Mean of the 2 x 2 pixels that lie under a texel.
+Rgb pattern_mean(std::uint32_t x, std::uint32_t y) {
+  Rgb sum;
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    const Texel8 c = pattern(2 * x + i % 2, 2 * y + i / 2);
+    sum += Rgb{srgb_to_linear(c[0]), srgb_to_linear(c[1]), srgb_to_linear(c[2])};
+  }
+  return sum * 0.25f;
+}
+
+void expect_colour(Rgb actual, Rgb expected) {
+  EXPECT_NEAR(actual.r, expected.r, 1e-5f * std::max(1.f, expected.r));
+  EXPECT_NEAR(actual.g, expected.g, 1e-5f * std::max(1.f, expected.g));
+  EXPECT_NEAR(actual.b, expected.b, 1e-5f * std::max(1.f, expected.b));
+}
+
+// Four pixels to a texel, and sixteen points of which each pixel gets four: the mean is exact.
+TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
+  SceneBuilder b;
+  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
+  Scene scene = b.build();
+  scene.base_uv = scene.lightmap_uv;
+  scene.materials[0].base_color = {0.9f, 0.5f, 0.25f};
+  scene.materials[0].base_texture = add_image(scene, 16, pattern);
+  const auto group = rasterise(scene, as_is(scene, 8));
+  ASSERT_TRUE(group);
+  ASSERT_EQ(group->size(), 64u);
+  for (std::uint32_t t = 0; t < group->size(); ++t) {
+    expect_colour(group->albedo[t],
+                  Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
+    EXPECT_EQ(group->emission[t], Rgb{});
+  }
+}
+
+TEST(Rasterise, EmissionIsTheTexturesMeanOverTheFootprint) {
+  SceneBuilder b;
+  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
+  Scene scene = b.build();
+  for (std::size_t v = 0; v < 4; ++v) {  // its own coordinates: half a turn around the middle
+    scene.emission_uv[v] = {1 - scene.lightmap_uv[v].x, 1 - scene.lightmap_uv[v].y};
+  }
+  scene.materials[0].emission = {100, 200, 300};
+  scene.materials[0].emission_texture = add_image(scene, 16, pattern);
+  const auto group = rasterise(scene, as_is(scene, 8));
+  ASSERT_TRUE(group);
+  ASSERT_EQ(group->size(), 64u);
+  for (std::uint32_t t = 0; t < group->size(); ++t) {
+    expect_colour(group->emission[t],
+                  Rgb{100, 200, 300} * pattern_mean(7u - group->x[t], 7u - group->y[t]));
+    expect_colour(group->albedo[t], {0.5f, 0.5f, 0.5f});
+  }
+}
+
+// A texel that two materials share holds the mean of both, by area.
+TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
+  SceneBuilder b;
+  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}));
+  const auto plain = b.material({{0.2f, 0.2f, 0.2f}, {40, 40, 40}, {}, {}});
+  b.part(quad({1, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), plain);
+  Scene scene = b.build();
+  scene.base_uv = scene.lightmap_uv;
+  scene.materials[0].base_color = {1, 1, 1};
+  scene.materials[0].base_texture =
+      add_image(scene, 2, [](std::uint32_t, std::uint32_t y) -> Texel8 {
+        return y == 0 ? Texel8{255, 255, 255, 255} : Texel8{0, 0, 0, 255};
+      });
+  Atlas atlas = as_is(scene, 1);
+  atlas.triangle_chart.assign(4, 0);  // one chart of two parts
+  atlas.charts.resize(1);
+  const auto group = rasterise(scene, atlas);
+  ASSERT_TRUE(group);
+  ASSERT_EQ(group->size(), 1u);
+  expect_colour(group->albedo[0], Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
+  expect_colour(group->emission[0], Rgb{20, 20, 20});
+}
+
+TEST(Rasterise, AlbedoOverTheCapIsCutAndCounted) {
+  Scene scene = SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
+  scene.materials[0].base_color = {1, 0.5f, 1};
+  const auto group = rasterise(scene, as_is(scene, 4));
+  ASSERT_TRUE(group);
+  EXPECT_EQ(group->albedo_capped, 16u);
+  expect_colour(group->albedo[0], {kMaxAlbedo, 0.5f, kMaxAlbedo});
+}
+
+TEST(Rasterise, TooManyTrianglesInAFewRowsAreRefused) {
+  SceneBuilder b;
+  for (int i = 0; i < 10; ++i) b.part(quad({0, 0, float(i)}, {1, 0, 0}, {0, 1, 0}));
+  const Scene scene = b.build();
+  const Atlas atlas = as_is(scene, 16);
+  // Eight rows of 16 texels, ten times; those on a quad's diagonal hold pieces of two triangles.
+  const std::size_t pieces = 10 * (8 * 16 + 8);
+  EXPECT_TRUE(rasterise(scene, atlas, {}, pieces));
+  const auto refused = rasterise(scene, atlas, {}, pieces - 1);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, "limit_exceeded");
+}
+
 }  // namespace
 }  // namespace kiln::baker
