@@ -20,7 +20,8 @@ constexpr std::array<Hint, 13> kHints{{
     {"invalid_config", "`lightkiln serve --help` lists flags, variables and keys"},
     {"invalid_lightmap_uv", "let the baker unwrap the scene: --set atlas.unwrap=auto"},
     {"invalid_settings", "`lightkiln settings` lists all names, ranges and defaults"},
-    {"missing_file", "name files that the scene needs with --side FILE"},
+    {"missing_file",
+     "files that the scene needs are looked for beside it; name others with --side FILE"},
     {"no_light",
      "add a sky (--set sky.radiance=[1,1,1]) or lights (--settings FILE), or bake it dark all the "
      "same (--set allow_dark=true)"},
