@@ -10,6 +10,7 @@
 #include "baker/output/files.h"
 #include "baker/output/output.h"
 #include "baker/solver/checkpoint.h"
+#include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
 
 namespace kiln::baker {
@@ -29,14 +30,6 @@ std::uint64_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return std::uint64_t(usage.ru_maxrss) * 1024;
-}
-
-/// What the ray kernels of this machine run on: results are bit-identical per instruction set.
-const char* instruction_set() {
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return "avx512";
-  if (__builtin_cpu_supports("avx2")) return "avx2";
-  if (__builtin_cpu_supports("avx")) return "avx";
-  return "sse4.2";
 }
 
 /// Reports to the observer: stages with their times, and progress at a bounded rate.
@@ -157,6 +150,10 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
 }
 
 }  // namespace
+
+const char* instruction_set() {
+  return kernels().name;
+}
 
 Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::stop_token stop,
                                BakeObserver& observer) {

@@ -51,4 +51,8 @@ struct BakeInput {
 proto::Expected<proto::Manifest> bake(const BakeInput&, ThreadPool&, std::stop_token,
                                       BakeObserver&);
 
+/// What this machine bakes with: "sse2", "avx2" or "avx512". Recorded with every result, since
+/// pixels are bit-identical per instruction set only.
+const char* instruction_set();
+
 }  // namespace kiln::baker

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <nlohmann/json.hpp>
 
+#include "baker/bake.h"
 #include "proto/json.h"
 #include "server/http/problem.h"
 #include "server/jobs/ids.h"
@@ -57,7 +58,8 @@ Response Api::get_capabilities(Request&) {
       {"version", LIGHTKILN_VERSION},
       {"methods", schema.at("/properties/solver/properties/method/enum"_json_pointer)},
       {"settings", {{"schema", schema}, {"defaults", proto::to_json(proto::BakeSettings{})}}},
-      {"threads", bake_threads_}};
+      {"threads", bake_threads_},
+      {"instruction_set", baker::instruction_set()}};
   const baker::ImportLimits import;
   document["limits"] = {{"upload_bytes", config_.max_upload_bytes},
                         {"request_json_bytes", config_.max_request_json_bytes},

@@ -1,8 +1,12 @@
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
 
+#include "baker/bake.h"
 #include "live.h"
+#include "proto/problems.h"
 
 namespace kiln::server {
 namespace {
@@ -156,7 +160,9 @@ TEST(Routes, EveryErrorIsAProblem) {
   EXPECT_EQ(wrong.headers.at("allow"), "GET, HEAD, OPTIONS");
   EXPECT_EQ(ask(live.service->admin_port(), "GET", "/readyz").status, 200);
   EXPECT_EQ(ask(live.service->admin_port(), "GET", "/healthz").status, 200);
-  EXPECT_EQ(ask(live.port(), "GET", "/v1/capabilities").status, 200);
+  const Answer can = ask(live.port(), "GET", "/v1/capabilities");
+  EXPECT_EQ(can.status, 200);
+  EXPECT_EQ(member(can.body, "instruction_set"), baker::instruction_set());
 }
 
 TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {
@@ -207,6 +213,16 @@ TEST(Routes, CancelAndNotReady) {
   EXPECT_EQ(member(ask(live.port(), "GET", path + "?wait=10").body, "state"), "canceled");
   EXPECT_EQ(ask(live.port(), "POST", path + "/cancel").status, 200);
   EXPECT_EQ(ask(live.port(), "GET", path + "/results").status, 404);
+}
+
+TEST(Routes, EveryErrorCodeIsInTheDocumentation) {
+  std::ifstream in(LIGHTKILN_SOURCE_DIR "/docs/http-api.md");
+  const std::string text(std::istreambuf_iterator<char>(in), {});
+  for (const auto& kind : proto::problem_kinds()) {
+    const std::string row =
+        "| `" + std::string(kind.code) + "` | " + std::to_string(kind.status) + " |";
+    EXPECT_NE(text.find(row), std::string::npos) << row;
+  }
 }
 
 }  // namespace
