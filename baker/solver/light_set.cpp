@@ -36,6 +36,14 @@ AreaLight make_area_light(Vec3 p0, Vec3 p1, Vec3 p2, Rgb radiance) {
   return light;
 }
 
+/// Height of `p` over the plane of the light, m; 0 within the rounding of the coordinates, so that
+/// a flat lamp far from the origin does not light itself.
+float height_over(const AreaLight& l, Vec3 p) {
+  const float height = dot(l.normal, p - l.p0);
+  const float rounding = std::max(max_abs(p), max_abs(l.p0)) * 0x1p-20f;
+  return std::abs(height) <= rounding ? 0 : height;
+}
+
 float longest_edge(const AreaLight& l) {
   return std::sqrt(std::max({dot(l.p1 - l.p0, l.p1 - l.p0), dot(l.p2 - l.p1, l.p2 - l.p1),
                              dot(l.p0 - l.p2, l.p0 - l.p2)}));
@@ -66,14 +74,14 @@ LightSet::LightSet(const Scene& scene) : scene_(scene) {
 }
 
 float LightSet::unoccluded_estimate(const AreaLight& l, Vec3 p, Vec3 n) const {
-  const float height = dot(l.normal, p - l.p0);
-  if (height <= 0 && !l.two_sided) return 0;
+  const float height = height_over(l, p);
+  if (height == 0 || (height < 0 && !l.two_sided)) return 0;
   return luminance(l.radiance) * triangle_irradiance(p, n, l.p0, l.p1, l.p2);
 }
 
 LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
   LightSample s;
-  const float height = dot(l.normal, from - l.p0);
+  const float height = height_over(l, from);
   if (height == 0 || (height < 0 && !l.two_sided)) return s;
   const Vec3 centre = (l.p0 + l.p1 + l.p2) * (1.f / 3);
   const Vec3 to_centre = centre - from;

@@ -244,6 +244,20 @@ TEST(GatherEnergy, ClosedColouredBoxAbsorbsWhatItsLampEmits) {
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(absorbed[c] / emitted[c], 1, 5e-3) << "channel " << c;
 }
 
+// A flat lamp sees nothing of itself, also where coordinates are large against its distance to its
+// own plane: their rounding must not lift its points above it.
+TEST_P(EveryMethod, FlatLampDoesNotLightItself) {
+  for (const Vec3 corner : {Vec3{0, 0, 0}, Vec3{213.1f, 547.9f, 227.3f}}) {
+    QuadScene scene(32);
+    const auto lamp =
+        scene.add({corner, {3.1f, 0.017f, 0.3f}, {0.2f, -0.013f, 2.7f}, {}, {9, 9, 9}});
+    scene.build();
+    const Solution solution = scene.solve(settings_for(GetParam()));
+    for (const std::uint32_t t : scene.texels_of(lamp))
+      ASSERT_TRUE(is_black(solution.light->irradiance(t))) << "texel " << t;
+  }
+}
+
 // A double-sided sheet between two lamps: each side holds its own light.
 TEST_P(EveryMethod, DoubleSidedSheetKeepsItsSidesApart) {
   QuadScene scene(32);
