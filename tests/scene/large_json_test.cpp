@@ -5,7 +5,6 @@
 #include <functional>
 
 #include "scene/import_helpers.h"
-#include "support/sanitizer.h"
 
 namespace kiln::baker {
 namespace {
@@ -17,17 +16,23 @@ double thread_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-void expect_checked_within_a_second(const GltfBuilder& b) {
-  const Upload upload(b.gltf());
-  const auto bytes = std::filesystem::file_size(upload.files.main);
-  EXPECT_GT(bytes, 40'000'000u);
-  EXPECT_LT(bytes, 50'000'000u);
+/// The bound on seconds is kept as a ratio, which other work on a shared machine moves less:
+/// reading every character of the file once, with nothing built from it, takes 0.3 s per 45 MB on
+/// the machine where a check takes 0.8 s.
+void expect_quick_check(const GltfBuilder& b) {
+  const std::string text = b.gltf();
+  const Upload upload(text);
+  EXPECT_GT(text.size(), 40'000'000u);
+  EXPECT_LT(text.size(), 50'000'000u);
   const double start = thread_seconds();
+  EXPECT_TRUE(nlohmann::json::accept(text));
+  const double read = thread_seconds() - start;
   const auto checked = check_scene(upload.files, dark());
-  const double seconds = thread_seconds() - start;
+  const double check = thread_seconds() - start - read;
   EXPECT_TRUE(checked) << checked.error().message;
-  EXPECT_LT(seconds, 1.0 * test::kSlowdown);
-  testing::Test::RecordProperty("seconds", std::to_string(seconds));
+  EXPECT_LT(check, 4 * read) << "reading takes " << read << " s, the check " << check << " s";
+  testing::Test::RecordProperty("read_seconds", std::to_string(read));
+  testing::Test::RecordProperty("check_seconds", std::to_string(check));
 }
 
 TEST(LargeJson, ManyNodesWithExtras) {
@@ -41,7 +46,7 @@ TEST(LargeJson, ManyNodesWithExtras) {
             {"extras", extras},
             {"extensions", {{"VENDOR_ids", {{"id", i}, {"note", std::string(40, 'x')}}}}}});
   }
-  expect_checked_within_a_second(b);
+  expect_quick_check(b);
 }
 
 TEST(LargeJson, ManyMeshesAndAccessors) {
@@ -58,7 +63,7 @@ TEST(LargeJson, ManyMeshesAndAccessors) {
     b.json["meshes"].back()["extras"] = {{"note", std::string(200, 'x')}};
     b.node({{"mesh", mesh}, {"translation", {0.5 * i, 0, 0}}});
   }
-  expect_checked_within_a_second(b);
+  expect_quick_check(b);
 }
 
 // What is passed over is still JSON, and still counted.
