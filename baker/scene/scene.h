@@ -120,6 +120,7 @@ struct Scene {
 struct Bary {
   float u = 0, v = 0;
 };
+inline constexpr Bary kCentroid{1 / 3.f, 1 / 3.f};
 inline Vec3 interpolate(Vec3 a, Vec3 b, Vec3 c, Bary t) {
   return a * (1 - t.u - t.v) + b * t.u + c * t.v;
 }

@@ -11,11 +11,11 @@ constexpr std::uint32_t kTileTexels = 16;
 /// Up to this many lights each texel gets a distribution of its own.
 constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
+/// Lights nearer than so many radii of the footprint are weighed at each of its points.
+constexpr float kNearRadii = 4;
 /// Share of the samples that goes by power alone: no light that some point of the footprint sees
 /// has probability zero.
 constexpr float kDefensiveShare = 0.02f;
-/// Shadow rays stop this share short of their light, which would otherwise shadow itself.
-constexpr float kShadowReach = 1 - 1e-4f;
 
 /// Probabilities of the area lights for some texels.
 struct LightDistribution {
@@ -25,10 +25,24 @@ struct LightDistribution {
 
   void clear() { std::fill(probability.begin(), probability.end(), 0.f); }
 
-  void add_pilot(const SolverInput& in, std::uint32_t texel) {
-    for (std::size_t l = 0; l < probability.size(); ++l)
-      probability[l] += in.lights.unoccluded_estimate(
-          in.lights.area()[l], in.texels.position[texel], in.texels.shading_normal[texel]);
+  /// Adds what `texel` gets from each light: at one point for lights far away against the
+  /// footprint, else at all of its points, for its middle tells little then.
+  void add_pilot(const SolverInput& in, std::uint32_t texel, const Footprint& at) {
+    const Vec3 p = in.texels.position[texel], n = in.texels.shading_normal[texel];
+    float radius2 = 0;
+    for (const Vec3& q : at.position) radius2 = std::max(radius2, dot(q - p, q - p));
+    const float near = kNearRadii * std::sqrt(radius2);
+    for (std::size_t l = 0; l < probability.size(); ++l) {
+      const AreaLight& light = in.lights.area()[l];
+      if (in.lights.least_distance(light, p) > near) {
+        probability[l] += in.lights.unoccluded_estimate(light, p, n);
+        continue;
+      }
+      for (std::uint32_t i = 0; i < Footprint::kPoints; ++i)
+        probability[l] +=
+            (1.f / Footprint::kPoints) *
+            in.lights.unoccluded_estimate(light, at.position[i], at.shading_normal[i]);
+    }
   }
 
   void finish(const SolverInput& in) {
@@ -47,8 +61,8 @@ class ShadowBatch {
  public:
   explicit ShadowBatch(const RayScene& rays) : rays_(rays) {}
 
-  void add(Vec3 origin, Vec3 direction, float distance, Rgb value) {
-    packet_.set(waiting_, origin, direction, distance * kShadowReach);
+  void add(Vec3 origin, const ShadowRay& ray, Rgb value) {
+    packet_.set(waiting_, origin, ray.direction, ray.far);
     value_[waiting_++] = value;
     if (waiting_ == 16) flush();
   }
@@ -89,7 +103,7 @@ Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shad
       const PunctualArrival a = arrive(light, at.position[i]);
       const float cosine = receiver_cosine(at, i, a.direction);
       const Rgb value = a.irradiance * (cosine * kShare);
-      if (!is_black(value)) shadows.add(at.origin[i], a.direction, a.distance, value);
+      if (!is_black(value)) shadows.add(at.origin[i], a.shadow_ray(at.origin[i]), value);
     }
   return shadows.take_sum();
 }
@@ -113,7 +127,7 @@ Rgb area_light(const SolverInput& in, const Footprint& at, const LightDistributi
         in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(k), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * lights.probability[l]));
-    if (!is_black(value)) shadows.add(at.origin[i], s.direction, s.distance, value);
+    if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value);
   }
   return shadows.take_sum();
 }
@@ -126,7 +140,7 @@ void pilot_tile(const SolverInput& in, TexelRange tile, LightDistribution& light
     const bool new_surface = t > tile.begin && (in.texels.chart[t] != in.texels.chart[t - 1] ||
                                                 dot(in.texels.shading_normal[t],
                                                     in.texels.shading_normal[t - 1]) < 0.9f);
-    if ((t - tile.begin) % step == 0 || new_surface) lights.add_pilot(in, t);
+    if ((t - tile.begin) % step == 0 || new_surface) lights.add_pilot(in, t, Footprint(in, t));
   }
   lights.finish(in);
 }
@@ -139,14 +153,14 @@ std::uint64_t DirectLight::run(TexelRange range, std::span<Rgb> irradiance) cons
   ShadowBatch shadows(in_.rays);
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
     const bool few = light_count <= kFewLights;
+    const Footprint at(in_, t);
     if (light_count > 0 && few) {
       lights.clear();
-      lights.add_pilot(in_, t);
+      lights.add_pilot(in_, t, at);
       lights.finish(in_);
     } else if (light_count > 0 && t % kTileTexels == 0) {
       pilot_tile(in_, {t, std::min(t + kTileTexels, in_.texels.size())}, lights);
     }
-    const Footprint at(in_, t);
     Rgb e = punctual_light(in_, at, shadows);
     if (light_count > 0)
       e += area_light(in_, at, lights, texel_seed(in_, t, Purpose::kDirect), shadows);

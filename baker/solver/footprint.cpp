@@ -9,12 +9,13 @@ Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
   const bool back = in.texels.is_back(texel);
   const auto points = in.texels.points_of(texel);
   std::uint32_t last_triangle = kNoHit;
-  Vec3 ng;
+  Vec3 ng, centroid;
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const Bary bary = points[i].bary();
     if (points[i].triangle != last_triangle) {
       last_triangle = points[i].triangle;
       ng = baker::geometric_normal(in.scene, last_triangle);
+      centroid = position_at(in.scene, last_triangle, kCentroid);
     }
     const auto& v = in.scene.triangles[last_triangle];
     Vec3 ns = normalize(
@@ -24,7 +25,7 @@ Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
     position[i] = position_at(in.scene, last_triangle, bary);
     geometric_normal[i] = back ? -ng : ng;
     shading_normal[i] = back ? -ns : ns;
-    origin[i] = in.rays.offset_origin(position[i], geometric_normal[i]);
+    origin[i] = in.rays.offset_origin(position[i], geometric_normal[i], centroid);
   }
 }
 

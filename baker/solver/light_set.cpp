@@ -16,7 +16,7 @@ constexpr std::uint32_t kTexturePoints = 64;
 
 Rgb mean_emission(const Scene& scene, std::uint32_t triangle) {
   if (scene.material_of(triangle).emission_texture.image < 0)
-    return emission_at(scene, triangle, {1.f / 3, 1.f / 3});
+    return emission_at(scene, triangle, kCentroid);
   Rgb sum;
   for (std::uint32_t i = 0; i < kTexturePoints; ++i) {
     const Vec2 b = uniform_triangle(sample_pair(i, 1));
@@ -42,6 +42,14 @@ float height_over(const AreaLight& l, Vec3 p) {
   const float height = dot(l.normal, p - l.p0);
   const float rounding = std::max(max_abs(p), max_abs(l.p0)) * 0x1p-20f;
   return std::abs(height) <= rounding ? 0 : height;
+}
+
+/// A point of the light moved off it, to the side that `height` tells, by as much as the origins of
+/// rays are moved off their surfaces: the light must not stand in the way of its own shadow rays.
+/// A light nearer than that keeps its distance, all but a quarter.
+Vec3 move_off(const AreaLight& l, Vec3 point, Vec3 receiver, float height) {
+  const float offset = std::max(max_abs(point), max_abs(receiver)) * 0x1p-18f;
+  return point + l.normal * std::copysign(std::min(offset, std::abs(height) / 4), height);
 }
 
 float longest_edge(const AreaLight& l) {
@@ -79,12 +87,18 @@ float LightSet::unoccluded_estimate(const AreaLight& l, Vec3 p, Vec3 n) const {
   return luminance(l.radiance) * triangle_irradiance(p, n, l.p0, l.p1, l.p2);
 }
 
+float LightSet::least_distance(const AreaLight& l, Vec3 p) const {
+  const Vec3 to_centre = (l.p0 + l.p1 + l.p2) * (1.f / 3) - p;
+  return std::max(std::abs(dot(l.normal, p - l.p0)), length(to_centre) - longest_edge(l));
+}
+
 LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
   LightSample s;
   const float height = height_over(l, from);
   if (height == 0 || (height < 0 && !l.two_sided)) return s;
   const Vec3 centre = (l.p0 + l.p1 + l.p2) * (1.f / 3);
   const Vec3 to_centre = centre - from;
+  Vec3 point;         // of the light
   float density = 0;  // per steradian
   if (longest_edge(l) > kNearRatio * length(to_centre)) {
     const SphericalTriangle seen(from, l.p0, l.p1, l.p2);
@@ -92,42 +106,48 @@ LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
     s.direction = seen.sample(u);
     const float slope = -dot(l.normal, s.direction);
     if (slope * height <= 0) return s;
-    s.distance = height / slope;
+    point = from + s.direction * (height / slope);
     density = 1 / seen.solid_angle;
   } else {
     const Vec2 b = uniform_triangle(u);
-    const Vec3 d = interpolate(l.p0, l.p1, l.p2, {b.x, b.y}) - from;
+    point = interpolate(l.p0, l.p1, l.p2, {b.x, b.y});
+    const Vec3 d = point - from;
     const float r2 = dot(d, d);
-    s.distance = std::sqrt(r2);
-    s.direction = d * (1 / s.distance);
+    s.direction = d * (1 / std::sqrt(r2));
     density = r2 / (l.area_m2 * std::abs(dot(l.normal, s.direction)));
   }
   Rgb radiance = l.radiance;
   if (l.triangle != kNoHit && scene_.material_of(l.triangle).emission_texture.image >= 0) {
     // Barycentric coordinates of the point, by areas projected along the normal.
-    const Vec3 q = from + s.direction * s.distance;
     const float scale = 1 / (2 * l.area_m2);
-    const float bu = dot(cross(q - l.p0, l.p2 - l.p0), l.normal) * scale;
-    const float bv = dot(cross(l.p1 - l.p0, q - l.p0), l.normal) * scale;
+    const float bu = dot(cross(point - l.p0, l.p2 - l.p0), l.normal) * scale;
+    const float bv = dot(cross(l.p1 - l.p0, point - l.p0), l.normal) * scale;
     radiance = emission_at(scene_, l.triangle, {bu, bv});
   }
+  s.end = move_off(l, point, from, height);
   s.value = radiance * (1 / density);
   return s;
+}
+
+ShadowRay PunctualArrival::shadow_ray(Vec3 origin) const {
+  if (!position) return {direction, std::numeric_limits<float>::infinity()};
+  // A lamp that hangs right at a ceiling is not shadowed by it.
+  constexpr float kReach = 1 - 1e-4f;
+  return {*position - origin, kReach};
 }
 
 PunctualArrival arrive(const PunctualLight& l, Vec3 at) {
   PunctualArrival a;
   if (l.type == PunctualType::kDirectional) {
     a.direction = -l.direction;
-    a.distance = std::numeric_limits<float>::infinity();
     a.irradiance = l.intensity;
     return a;
   }
   const Vec3 d = l.position - at;
   const float r2 = dot(d, d);
   if (r2 <= 0) return a;
-  a.distance = std::sqrt(r2);
-  a.direction = d * (1 / a.distance);
+  a.position = l.position;
+  a.direction = d * (1 / std::sqrt(r2));
   float strength = 1 / r2;
   if (l.range > 0) {
     const float x2 = r2 / (l.range * l.range);

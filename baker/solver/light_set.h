@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "baker/math/vec.h"
@@ -18,11 +19,19 @@ struct AreaLight {
   bool two_sided = false;
 };
 
+/// The points origin + t * direction, t in (0, far), that must be free for a light to be seen.
+struct ShadowRay {
+  Vec3 direction;  ///< of any length
+  float far = 1;
+};
+
 /// A sampled point of an area light, seen from the receiver.
 struct LightSample {
-  Vec3 direction;      ///< unit, towards the light
-  float distance = 0;  ///< m
-  Rgb value;           ///< radiance over the solid-angle density of the direction; 0: nothing seen
+  Vec3 direction;  ///< unit, towards the light
+  Vec3 end;        ///< where shadow rays end, m: just off the light, on the receiver's side
+  Rgb value;       ///< radiance over the solid-angle density of the direction; 0: nothing seen
+
+  ShadowRay shadow_ray(Vec3 origin) const { return {end - origin, 1}; }
 };
 
 /// All light that is sampled explicitly. Immutable.
@@ -40,6 +49,9 @@ class LightSet {
   /// importance is made of. Luminance-weighted, lx.
   float unoccluded_estimate(const AreaLight&, Vec3 p, Vec3 n) const;
 
+  /// A lower bound of the distance from `p` to the light, m.
+  float least_distance(const AreaLight&, Vec3 p) const;
+
   /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
   /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
   LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;
@@ -53,9 +65,11 @@ class LightSet {
 /// Irradiance on a surface facing a punctual light at unit cosine, and the way to it
 /// [KHR_lights_punctual: range window, spot falloff].
 struct PunctualArrival {
-  Vec3 direction;      ///< unit, towards the light
-  float distance = 0;  ///< m; infinite for directional lights
-  Rgb irradiance;      ///< lx at normal incidence
+  Vec3 direction;                ///< unit, towards the light
+  std::optional<Vec3> position;  ///< m; none for directional lights
+  Rgb irradiance;                ///< lx at normal incidence
+
+  ShadowRay shadow_ray(Vec3 origin) const;
 };
 PunctualArrival arrive(const PunctualLight&, Vec3 at);
 

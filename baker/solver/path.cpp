@@ -12,7 +12,6 @@ namespace {
 
 /// Samples of one pass; a pass over a batch of texels then takes some tens of milliseconds.
 constexpr std::uint32_t kBlockSamples = 16;
-constexpr float kShadowReach = 1 - 1e-4f;
 
 /// Pairs of random numbers that one path vertex uses.
 enum Dimension : std::uint32_t { kDirection, kAreaPoint, kChoice, kDimensions };
@@ -77,12 +76,16 @@ class PathBundle {
     waiting_ = 0;
   }
 
-  void add_shadow_ray(const Vertex& v, Vec3 direction, float distance, Rgb irradiance) {
-    if (dot(v.geometric_normal, direction) <= 0) return;
-    const Rgb value = v.throughput * irradiance * std::max(0.f, dot(v.shading_normal, direction));
+  /// @param light LightSample or PunctualArrival
+  template <class Light>
+  void add_shadow_ray(const Vertex& v, const Light& light, Rgb irradiance) {
+    if (dot(v.geometric_normal, light.direction) <= 0) return;
+    const float cosine = std::max(0.f, dot(v.shading_normal, light.direction));
+    const Rgb value = v.throughput * irradiance * cosine;
     if (is_black(value)) return;
     value_[waiting_] = value;
-    packet_.set(waiting_++, v.origin, direction, distance * kShadowReach);
+    const ShadowRay ray = light.shadow_ray(v.origin);
+    packet_.set(waiting_++, v.origin, ray.direction, ray.far);
   }
 
   void add_area_light(std::uint32_t bounce, Rgb& sum) {
@@ -95,7 +98,7 @@ class PathBundle {
       while (l + 1 < lights.size() && u >= share[l]) u -= share[l++];
       if (!(share[l] > 0)) continue;
       const LightSample s = in_.lights.sample(lights[l], v.position, random(v, bounce, kAreaPoint));
-      add_shadow_ray(v, s.direction, s.distance, s.value * (1 / share[l]));
+      add_shadow_ray(v, s, s.value * (1 / share[l]));
     }
     trace_shadows(sum);
   }
@@ -107,7 +110,7 @@ class PathBundle {
       const float u = random(v, bounce, kChoice).y;
       const auto l = std::min(lights.size() - 1, std::size_t(u * float(lights.size())));
       const PunctualArrival a = arrive(lights[l], v.position);
-      add_shadow_ray(v, a.direction, a.distance, a.irradiance * float(lights.size()));
+      add_shadow_ray(v, a, a.irradiance * float(lights.size()));
     }
     trace_shadows(sum);
   }
@@ -157,7 +160,8 @@ class PathBundle {
     v.geometric_normal = side * geometric_normal(in_.scene, triangle);
     v.shading_normal = side * shading_normal(in_.scene, triangle, bary);
     v.position = position_at(in_.scene, triangle, bary);
-    v.origin = in_.rays.offset_origin(v.position, v.geometric_normal);
+    v.origin = in_.rays.offset_origin(v.position, v.geometric_normal,
+                                      position_at(in_.scene, triangle, kCentroid));
     return true;
   }
 

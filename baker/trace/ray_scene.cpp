@@ -146,10 +146,14 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   return blocked & rays.active;
 }
 
-Vec3 RayScene::offset_origin(Vec3 position, Vec3 geometric_normal) const {
+Vec3 RayScene::offset_origin(Vec3 position, Vec3 geometric_normal, Vec3 centroid) const {
   // About 32 ulp of the largest coordinate: below 8 ulp surfaces shadow themselves, and beyond a
   // fiftieth of a texel contact shadows leak.
-  return position + geometric_normal * std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+  const float offset = std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+  const Vec3 inwards = centroid - position;
+  const float to_centroid = length(inwards);
+  const float share = to_centroid > offset ? offset / to_centroid : 1.f;
+  return position + geometric_normal * offset + inwards * share;
 }
 
 }  // namespace kiln::baker

@@ -42,9 +42,11 @@ class RayScene {
   /// Bit i is set when anything, seen from either side, lies on ray i before t_far.
   std::uint32_t occluded(const RayPacket&, bool coherent = false) const;
 
-  /// `position` moved off the surface along `geometric_normal` far enough that rays don't meet the
-  /// surface they start on.
-  Vec3 offset_origin(Vec3 position, Vec3 geometric_normal) const;
+  /// `position`, a point of a triangle, moved off the surface along `geometric_normal` far enough
+  /// that rays don't meet the triangle they start on, and as far towards the triangle's `centroid`,
+  /// at most onto it: from an edge rays would start in the plane of the wall that stands on it, and
+  /// pass it.
+  Vec3 offset_origin(Vec3 position, Vec3 geometric_normal, Vec3 centroid) const;
 
  private:
   struct Impl;

@@ -129,6 +129,34 @@ TEST_P(EveryMethod, RectangleLightIsLambertsFormula) {
   EXPECT_NEAR(sum / expected_sum, 1, 5e-3);
 }
 
+// A double-sided lamp of the scene itself, which rays can hit, over a floor: from half the scene's
+// size down to a ten-thousandth of it, where the lamp must not shadow its own light.
+TEST_P(EveryMethod, LampCloseToASurfaceIsLambertsFormula) {
+  for (const float height : {1.f, 0.05f, 0.0002f}) {
+    QuadScene scene(64);
+    const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
+    const Quad lamp{{-0.4f, height, -0.3f}, {0.9f, 0, 0}, {0, 0, 0.7f}, {}, {2, 2, 2}, true};
+    scene.add(lamp);
+    scene.build();
+    const auto texels = scene.texels_of(floor);
+    const SeedStudy study(scene, settings_for(GetParam()), kSeeds, texels);
+    const Vec3 a = lamp.corner, b = a + lamp.edge_u, c = b + lamp.edge_v, d = a + lamp.edge_v;
+    double expected = 0, area = 0;
+    for (const std::uint32_t t : texels) {
+      area += scene.texels().area_m2[t];
+      for (const SamplePoint& p : scene.texels().points_of(t)) {
+        const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+        expected += 2 * scene.texels().area_m2[t] / TextureGroup::kPointsPerTexel *
+                    (triangle_irradiance(at, {0, 1, 0}, a, b, c) +
+                     triangle_irradiance(at, {0, 1, 0}, a, c, d));
+      }
+    }
+    expected /= area;
+    EXPECT_NEAR(study.area_mean, expected, kSigmas * study.area_standard_error + 1e-3 * expected)
+        << "lamp at " << height;
+  }
+}
+
 // Nothing is random in the unoccluded light of a punctual light at a given point.
 TEST_P(EveryMethod, PunctualLightsAreInverseSquareCosineAndCone) {
   QuadScene scene(16);
@@ -200,9 +228,10 @@ TEST_P(EveryMethod, TiltedPlaneOverBlackGround) {
   EXPECT_NEAR(study.area_mean, expected, kSigmas * study.area_standard_error + 2e-3 * expected);
 }
 
-// No light finds its way into a closed room, along no edge and at no corner.
-TEST_P(EveryMethod, SealedRoomIsExactlyDark) {
-  QuadScene room(64);
+// No light finds its way into a closed room, along no edge and at no corner; nor at texels that a
+// wall only touches, all of whose points lie on its edge but for rounding.
+void expect_dark_in_sealed_room(proto::Method method, float overhang) {
+  QuadScene room(64, overhang);
   room.add_room({-1, 0, -1}, {1, 2, 1}, {0.8f, 0.8f, 0.8f});
   room.build();
   room.scene().sky = {1000, 1000, 1000};
@@ -210,12 +239,18 @@ TEST_P(EveryMethod, SealedRoomIsExactlyDark) {
   lamp.position = {0, 2.5f, 0};
   lamp.intensity = {1e6f, 1e6f, 1e6f};
   room.scene().lights = {lamp};
-  proto::SolverSettings s = settings_for(GetParam());
+  proto::SolverSettings s = settings_for(method);
   s.samples = 256;
   s.bounces = 4;
   const Solution solution = room.solve(s);
   for (std::uint32_t t = 0; t < room.texels().size(); ++t)
     ASSERT_TRUE(is_black(solution.light->irradiance(t))) << "texel " << t;
+}
+TEST_P(EveryMethod, SealedRoomIsExactlyDark) {
+  expect_dark_in_sealed_room(GetParam(), 0);
+}
+TEST_P(EveryMethod, SealedRoomIsExactlyDarkAtTexelsThatAWallOnlyTouches) {
+  expect_dark_in_sealed_room(GetParam(), 1e-4f);
 }
 
 // Light that a lamp gives is absorbed in the end: Σ A (1-ρ) E = Φ in each channel of a closed box.

@@ -31,7 +31,7 @@ void QuadScene::build() {
   std::uint32_t grid = 1;
   while (grid * grid < count) ++grid;
   const float cell = std::floor(float(page_size_) / float(grid));
-  constexpr float kMargin = 2;
+  const float margin = 2 - overhang_;
   scene_.instances.push_back({});
   scene_.instances[0].part_count = count;
   for (std::uint32_t q = 0; q < count; ++q) {
@@ -50,7 +50,7 @@ void QuadScene::build() {
     m.emission = quad.emission;
     m.double_sided = quad.double_sided;
     scene_.materials.push_back(m);
-    const float x0 = float(q % grid) * cell + kMargin, y0 = float(q / grid) * cell + kMargin;
+    const float x0 = float(q % grid) * cell + margin, y0 = float(q / grid) * cell + margin;
     for (std::uint32_t k = 0; k < 4; ++k) {
       const bool u = k == 1 || k == 2, v = k >= 2;
       scene_.positions.push_back(quad.corner + quad.edge_u * float(u) + quad.edge_v * float(v));
@@ -59,7 +59,7 @@ void QuadScene::build() {
       scene_.emission_uv.push_back({});
       scene_.source_vertex.push_back(k);
       scene_.colors.push_back({1, 1, 1, 1});
-      const float size = cell - 2 * kMargin;
+      const float size = cell - 2 * margin;
       scene_.lightmap_uv.push_back(
           {(x0 + size * float(u)) / float(page_size_), (y0 + size * float(v)) / float(page_size_)});
     }

@@ -23,7 +23,9 @@ struct Quad {
 /// A scene of rectangles, each with a square chart of its own in a grid on one page.
 class QuadScene {
  public:
-  explicit QuadScene(std::uint32_t page_size) : page_size_(page_size) {}
+  /// @param overhang texels by which each chart reaches beyond its outermost whole texels
+  explicit QuadScene(std::uint32_t page_size, float overhang = 0)
+      : page_size_(page_size), overhang_(overhang) {}
 
   std::uint32_t add(const Quad& q) {
     quads_.push_back(q);
@@ -47,6 +49,7 @@ class QuadScene {
 
  private:
   std::uint32_t page_size_;
+  float overhang_;
   std::vector<Quad> quads_;
   Scene scene_;
   std::unique_ptr<Atlas> atlas_;
