@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "baker/atlas/atlas.h"
@@ -12,6 +13,7 @@
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
+#include "proto/json.h"
 
 namespace kiln::baker {
 namespace {
@@ -115,19 +117,74 @@ void warn_of_texels(const proto::Statistics& s, std::vector<proto::Warning>& war
                             "other geometry, and are dark."});
 }
 
+/// The checkpoints of one bake. When one can't be written the bake goes on without any.
+class Checkpoints {
+ public:
+  Checkpoints(const BakeInput& input, BakeObserver& observer)
+      : dir_(input.checkpoint_dir), observer_(observer) {
+    // The program is part of the key: another version, or other vector units, give other bits.
+    if (!dir_.empty())
+      key_ = sha256_hex(LIGHTKILN_VERSION "\n" + std::string(instruction_set()) + "\n" +
+                        input.scene_key + "\n" + proto::to_text(proto::to_json(input.settings)));
+  }
+
+  SolveStart find(Solver& solver, std::uint32_t texels) {
+    if (dir_.empty()) return {};
+    auto found = read_checkpoint(dir_, key_, solver, texels);
+    if (found) return found->value_or(SolveStart{});
+    observer_.on_warning(
+        {"checkpoint_ignored", "", found.error().message + " The bake starts at its first pass."});
+    remove_checkpoints(dir_);
+    return {};
+  }
+
+  void write(const Pass& pass, std::span<const proto::PassReport> passes, const Lightmap& light,
+             Solver& solver) {
+    if (dir_.empty()) return;
+    Expected<void> done;
+    if (pass.fills_state) done = write_state(dir_, key_, solver.state());
+    if (done) done = write_checkpoint(dir_, key_, passes, light);
+    if (done) return;
+    observer_.on_warning(
+        {"checkpoint_failed", "", done.error().message + " The bake goes on without checkpoints."});
+    remove_checkpoints(dir_);  // on a full disk, the results need the room
+    dir_.clear();
+  }
+
+ private:
+  std::filesystem::path dir_;
+  std::string key_;
+  BakeObserver& observer_;
+};
+
+/// Expected effort of passes that are done.
+double work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
+  double work = 0;
+  for (std::size_t i = 0; i < passes.size(); ++i) work += solver.next(passes.first(i))->work;
+  return work;
+}
+
 /// The solve stage: passes with checkpoints and snapshots.
 Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
                                 const std::shared_ptr<const TextureGroup>& texels,
                                 const LightSet& lights, ThreadPool& pool, std::stop_token stop,
-                                BakeObserver& observer, Course& course, const std::string& key) {
+                                BakeObserver& observer, Course& course) {
   auto rays = RayScene::build(scene, stop);
   if (!rays) return Unexpected(rays.error());
   const TexelLookup lookup(scene, atlas, *texels);
   const SolverInput solver_input{
       scene, atlas, *texels, *rays, lights, lookup, input.settings.solver};
   const auto solver = make_solver(solver_input);
-  std::vector<proto::PassReport> passes;
-  double work_done = 0, residual = 1;
+  Checkpoints checkpoints(input, observer);
+  SolveStart start = checkpoints.find(*solver, texels->size());
+  std::vector<proto::PassReport> passes = start.passes;
+  double work_done = work_of(*solver, passes), residual = 1;
+  for (const auto& p : passes)
+    if (p.residual > 0) residual = p.residual;
+  if (!passes.empty()) {
+    observer.on_resume(std::uint32_t(passes.size()));
+    observer.on_snapshot({texels, start.light, passes.back().index});
+  }
   const double work = solver->total_work();
   SolveHooks hooks;
   hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
@@ -140,13 +197,13 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
     work_done += pass.work;
     if (report.residual > 0) residual = report.residual;  // tracing alone changes no light
     passes.push_back(report);
+    // First: a pass that was announced is never made again.
+    checkpoints.write(pass, passes, *light, *solver);
     observer.on_pass(report);
-    if (!input.checkpoint_dir.empty())
-      if (auto ok = write_checkpoint(input.checkpoint_dir, key, passes, *light); !ok) return ok;
     observer.on_snapshot({texels, std::move(light), report.index});
     return {};
   };
-  return solve(*solver, *texels, pool, stop, hooks);
+  return solve(*solver, *texels, pool, stop, hooks, std::move(start));
 }
 
 }  // namespace
@@ -181,8 +238,8 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   count_texels(*atlas, *texels, manifest.statistics);
 
   course.enter("solve", kSolvingFrom);
-  const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
-                                     course, input.scene_sha256);
+  const auto solution =
+      solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer, course);
   if (!solution) return Unexpected(solution.error());
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();

@@ -30,6 +30,8 @@ class BakeObserver {
  public:
   virtual ~BakeObserver() = default;
   virtual void on_stage(const std::string& /*name*/) {}
+  /// The passes of an earlier attempt that need not be made again; on_pass() does not repeat them.
+  virtual void on_resume(std::uint32_t /*passes*/) {}
   virtual void on_progress(const proto::JobProgress&) {}  ///< any thread; at most 20 per second
   virtual void on_pass(const proto::PassReport&) {}
   virtual void on_snapshot(Snapshot) {}
@@ -40,9 +42,12 @@ struct BakeInput {
   SceneFiles files;
   proto::BakeSettings settings;
   ImportLimits limits;
-  std::filesystem::path output_dir;      ///< exists; receives the result files
-  std::filesystem::path checkpoint_dir;  ///< exists, or empty for no checkpoints
-  std::string scene_sha256;
+  std::filesystem::path output_dir;  ///< exists; receives the result files
+  /// Exists, or empty for no checkpoints. A bake goes on from those that it finds there, and
+  /// leaves its own behind.
+  std::filesystem::path checkpoint_dir;
+  std::string scene_sha256;  ///< of the main file, for the manifest
+  std::string scene_key;     ///< names the content of all files; checkpoints belong to one such key
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the

@@ -3,19 +3,27 @@
 #include <openssl/evp.h>
 
 #include <array>
-#include <cstring>
+#include <cerrno>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <new>
 #include <type_traits>
+#include <utility>
 
 #include "baker/output/files.h"
 
 namespace kiln::baker {
 namespace {
 
-constexpr std::array<char, 8> kMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '1'};
-constexpr const char* kFileName = "pass.bin";
+namespace fs = std::filesystem;
+using proto::Expected;
+
+using Magic = std::array<char, 8>;
+constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '2'};
+constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
+constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
+constexpr const char* kStateFile = "state.bin";
 constexpr std::size_t kDigestBytes = 32;
 constexpr std::uint32_t kMaxTextBytes = 4096;
 using Digest = std::array<unsigned char, kDigestBytes>;
@@ -93,6 +101,10 @@ class Reader {
   bool plane(std::vector<T>& p) {
     return bytes(p.data(), p.size() * sizeof(T));
   }
+  bool magic(const Magic& expected) {
+    Magic found;
+    return bytes(found.data(), found.size()) && found == expected;
+  }
   bool sealed() {
     const Digest expected = hash_.finish();
     Digest found;
@@ -119,30 +131,96 @@ bool read_report(Reader& r, proto::PassReport& p) {
          r.value(p.seconds) && r.value(p.rays);
 }
 
-bool read_all(Reader& r, std::uint64_t file_bytes, Checkpoint& c) {
-  std::array<char, kMagic.size()> magic;
+/// The light after a finished pass, as a file holds it.
+struct StoredLight {
+  std::vector<proto::PassReport> passes;
+  std::shared_ptr<const Lightmap> light;
+};
+
+proto::Unexpected unusable(const fs::path& file, const char* what) {
+  return proto::fail("invalid_checkpoint",
+                     "The checkpoint " + file.filename().string() + " " + what + ".");
+}
+
+bool read_light(Reader& r, std::uint64_t file_bytes, StoredLight& out) {
   std::uint32_t passes = 0, texels = 0;
-  if (!r.bytes(magic.data(), magic.size()) || magic != kMagic) return false;
-  if (!r.text(c.key) || !r.value(passes) || passes > file_bytes) return false;
+  if (!r.value(passes) || passes > file_bytes) return false;
   for (std::uint32_t i = 0; i < passes; ++i)
-    if (!read_report(r, c.passes.emplace_back())) return false;
+    if (!read_report(r, out.passes.emplace_back())) return false;
   constexpr std::uint64_t kTexelBytes = 3 * sizeof(Rgb) + sizeof(float);
   if (!r.value(texels) || texels * kTexelBytes > file_bytes) return false;
-  c.light = Lightmap(texels);
-  return r.plane(c.light.direct) && r.plane(c.light.sky) && r.plane(c.light.indirect) &&
-         r.plane(c.light.validity) && r.sealed();
+  auto light = std::make_shared<Lightmap>(texels);
+  const bool whole = r.plane(light->direct) && r.plane(light->sky) && r.plane(light->indirect) &&
+                     r.plane(light->validity) && r.sealed();
+  out.light = std::move(light);
+  return whole;
+}
+
+/// Nothing when there is no such file.
+Expected<std::optional<StoredLight>> read_pass_file(const fs::path& file, const std::string& key) {
+  std::error_code missing;
+  const auto size = fs::file_size(file, missing);
+  if (missing) return std::nullopt;
+  std::ifstream in(file, std::ios::binary);
+  Reader reader(in);
+  std::string found;
+  if (!reader.magic(kPassMagic) || !reader.text(found)) return unusable(file, "is damaged");
+  if (found != key) return unusable(file, "is of another bake");
+  StoredLight stored;
+  if (!read_light(reader, size, stored) || stored.passes.empty())
+    return unusable(file, "is damaged");
+  return stored;
+}
+
+Expected<void> read_state(const fs::path& file, const std::string& key, std::span<std::byte> out) {
+  std::ifstream in(file, std::ios::binary);
+  Reader reader(in);
+  std::string found;
+  std::uint64_t bytes = 0;
+  if (!reader.magic(kStateMagic) || !reader.text(found) || !reader.value(bytes))
+    return unusable(file, "is missing or damaged");
+  if (found != key || bytes != out.size()) return unusable(file, "is of another bake");
+  if (!reader.bytes(out.data(), out.size()) || !reader.sealed())
+    return unusable(file, "is damaged");
+  return {};
+}
+
+/// Writes with `fill`, seals, and puts the file in its place.
+Expected<void> write_sealed(const fs::path& file, const Magic& magic, const std::string& key,
+                            const std::function<void(Writer&)>& fill) {
+  return write_whole(file, [&](const fs::path& temporary) -> Expected<void> {
+    errno = 0;
+    std::ofstream out(temporary, std::ios::binary);
+    Writer w(out);
+    w.bytes(magic.data(), magic.size());
+    w.text(key);
+    fill(w);
+    w.seal();
+    out.close();
+    if (out) return {};
+    const bool full = errno == ENOSPC || errno == EDQUOT;
+    return proto::fail(full ? "storage_full" : "io_error",
+                       "Can't write the checkpoint " + file.filename().string() + ".");
+  });
+}
+
+/// Whether the solver would make these passes, in this order; `filled` says whether one of them
+/// filled its state.
+bool are_passes_of(const Solver& solver, std::span<const proto::PassReport> passes, bool& filled) {
+  filled = false;
+  for (std::size_t i = 0; i < passes.size(); ++i) {
+    const auto pass = solver.next(passes.first(i));
+    if (!pass || pass->name != passes[i].name || passes[i].index != i) return false;
+    filled = filled || pass->fills_state;
+  }
+  return true;
 }
 
 }  // namespace
 
-proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const std::string& key,
-                                       std::span<const proto::PassReport> passes,
-                                       const Lightmap& light) {
-  return write_whole(dir / kFileName, [&](const std::filesystem::path& temporary) {
-    std::ofstream out(temporary, std::ios::binary);
-    Writer w(out);
-    w.bytes(kMagic.data(), kMagic.size());
-    w.text(key);
+Expected<void> write_checkpoint(const fs::path& dir, const std::string& key,
+                                std::span<const proto::PassReport> passes, const Lightmap& light) {
+  return write_sealed(dir / kPassFiles[passes.size() % 2], kPassMagic, key, [&](Writer& w) {
     w.value(std::uint32_t(passes.size()));
     for (const auto& p : passes) write_report(w, p);
     w.value(light.size());
@@ -150,30 +228,50 @@ proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const s
     w.plane(light.sky);
     w.plane(light.indirect);
     w.plane(light.validity);
-    w.seal();
-    out.close();
-    if (!out)
-      return proto::Expected<void>(
-          proto::fail("io_error", "Can't write the checkpoint " + temporary.string() + "."));
-    return proto::Expected<void>();
   });
 }
 
-proto::Expected<Checkpoint> read_checkpoint(const std::filesystem::path& dir,
-                                            const std::string& key) {
-  const std::filesystem::path file = dir / kFileName;
-  std::error_code missing;
-  const auto size = std::filesystem::file_size(file, missing);
-  if (missing)
-    return proto::fail("no_checkpoint", "There is no checkpoint in " + dir.string() + ".");
-  std::ifstream in(file, std::ios::binary);
-  Reader reader(in);
-  Checkpoint c;
-  if (!in || !read_all(reader, size, c))
-    return proto::fail("no_checkpoint", "The checkpoint " + file.string() + " is damaged.");
-  if (c.key != key)
-    return proto::fail("no_checkpoint", "The checkpoint " + file.string() + " is of another bake.");
-  return c;
+Expected<void> write_state(const fs::path& dir, const std::string& key,
+                           std::span<const std::byte> state) {
+  return write_sealed(dir / kStateFile, kStateMagic, key, [&](Writer& w) {
+    w.value(std::uint64_t(state.size()));
+    w.bytes(state.data(), state.size());
+  });
+}
+
+Expected<std::optional<SolveStart>> read_checkpoint(const fs::path& dir, const std::string& key,
+                                                    Solver& solver, std::uint32_t texels) {
+  auto first = read_pass_file(dir / kPassFiles[0], key);
+  auto second = read_pass_file(dir / kPassFiles[1], key);
+  const auto passes = [](const auto& stored) {
+    return stored && *stored ? (*stored)->passes.size() : 0;
+  };
+  if (passes(first) < passes(second)) std::swap(first, second);
+  if (passes(first) == 0) {
+    if (!first) return proto::Unexpected(first.error());
+    if (!second) return proto::Unexpected(second.error());
+    return std::nullopt;
+  }
+  SolveStart start{std::move((*first)->passes), std::move((*first)->light), nullptr};
+  if (passes(second) + 1 == start.passes.size() && second && *second)
+    start.earlier = std::move((*second)->light);
+  const fs::path newest = dir / kPassFiles[start.passes.size() % 2];
+  bool filled = false;
+  if (start.light->size() != texels || (start.earlier && start.earlier->size() != texels) ||
+      !are_passes_of(solver, start.passes, filled))
+    return unusable(newest, "is of another bake");
+  if (!start.earlier && start.passes.size() > 1 && !solver.next(start.passes))
+    return unusable(newest, "needs the one before it, which is damaged");
+  if (filled)
+    if (auto ok = read_state(dir / kStateFile, key, solver.state()); !ok)
+      return proto::Unexpected(ok.error());
+  return start;
+}
+
+void remove_checkpoints(const fs::path& dir) {
+  std::error_code ignored;  // what can't be removed is read, and refused, by the next bake
+  for (const char* name : {kPassFiles[0], kPassFiles[1], kStateFile})
+    fs::remove(dir / name, ignored);
 }
 
 }  // namespace kiln::baker

@@ -1,29 +1,40 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "baker/solver/lightmap.h"
+#include "baker/solver/solve.h"
 #include "proto/expected.h"
 #include "proto/manifest.h"
 
+/// What a bake needs to go on after the process that ran it is gone. A folder holds the light after
+/// the last two passes, in two files that take turns (pass_0.bin, pass_1.bin), and the solver's
+/// state (state.bin): little-endian arrays behind a header, with a SHA-256 over all of it. Each is
+/// replaced in one rename.
 namespace kiln::baker {
 
-/// The light after a finished pass, as a file: what a bake needs to go on from there. Little-endian
-/// planes behind a header with a check sum; the newest replaces the one before in one rename.
-struct Checkpoint {
-  std::string key;  ///< names scene, settings and program: light of another bake is refused
-  std::vector<proto::PassReport> passes;  ///< all that are finished
-  Lightmap light;
-};
-
-/// Durable once it returns. Errors: `io_error`.
+/// Stores the light after `passes`, in place of that of the pass before the last. Durable once it
+/// returns. `key` names scene, settings and program: light of another bake is refused.
+/// Errors: `storage_full`, `io_error`.
 proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const std::string& key,
-                                       std::span<const proto::PassReport>, const Lightmap&);
-/// Errors: `no_checkpoint` when there is none, or it is torn, of another version or of another key.
-proto::Expected<Checkpoint> read_checkpoint(const std::filesystem::path& dir,
-                                            const std::string& key);
+                                       std::span<const proto::PassReport> passes, const Lightmap&);
+
+/// Stores Solver::state() after a pass that filled it; before that pass's write_checkpoint().
+proto::Expected<void> write_state(const std::filesystem::path& dir, const std::string& key,
+                                  std::span<const std::byte> state);
+
+/// The newest light in the folder that `solver` can go on from; restores the solver's state.
+/// Nothing when the folder holds none.
+/// Errors: `invalid_checkpoint` when what is there is damaged, or of another bake. The solver then
+/// has to begin at its first pass.
+proto::Expected<std::optional<SolveStart>> read_checkpoint(const std::filesystem::path& dir,
+                                                           const std::string& key, Solver& solver,
+                                                           std::uint32_t texels);
+
+void remove_checkpoints(const std::filesystem::path& dir);
 
 }  // namespace kiln::baker

@@ -133,6 +133,7 @@ class GatherSolver final : public Solver {
     if (done.size() == 1) {
       pass.name = "trace";
       pass.work = feedback_.size();
+      pass.fills_state = true;
       return pass;
     }
     if (done.back().name == kFinal) return std::nullopt;
@@ -165,6 +166,8 @@ class GatherSolver final : public Solver {
     }
     return 0;
   }
+
+  std::span<std::byte> state() override { return std::as_writable_bytes(std::span(hits_)); }
 
   double extrapolate(std::span<const proto::PassReport> done, const Lightmap& before_last,
                      Lightmap& last) const override;
@@ -260,6 +263,7 @@ class GatherSolver final : public Solver {
   bool final_gather_, needs_rays_;
   std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel
   std::vector<Repair> repairs_;
+  bool knows_repairs_ = false;        ///< from the first pass after `trace` on
   std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
 };
 
@@ -283,7 +287,8 @@ void GatherSolver::find_repairs(const Lightmap& light) {
 
 void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
   if (pass.name == "direct" || pass.name == "trace") return;
-  if (pass.index == 2) find_repairs(before);
+  if (!knows_repairs_) find_repairs(before);
+  knows_repairs_ = true;
   radiosity_.resize(in_.texels.size());
   for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
     // E is the mean over the footprint; rays from outside meet its visible part only.

@@ -51,10 +51,12 @@ std::unique_ptr<Solver> make_solver(const SolverInput& in) {
 }
 
 proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, ThreadPool& pool,
-                                std::stop_token stop, const SolveHooks& hooks) {
+                                std::stop_token stop, const SolveHooks& hooks, SolveStart from) {
   Solution solution;
-  auto before = std::make_shared<Lightmap>(texels.size());
-  std::shared_ptr<Lightmap> earlier = before;
+  solution.passes = std::move(from.passes);
+  std::shared_ptr<const Lightmap> before = std::move(from.light), earlier = std::move(from.earlier);
+  if (!before) before = std::make_shared<Lightmap>(texels.size());
+  if (!earlier) earlier = std::make_shared<Lightmap>(texels.size());
   while (const auto pass = solver.next(solution.passes)) {
     const auto start = std::chrono::steady_clock::now();
     auto after = std::make_shared<Lightmap>(*before);

@@ -27,11 +27,20 @@ struct Solution {
   double tail_scale = 0;  ///< factor on the last update that stands for the bounces left out
 };
 
+/// Where a solve begins; by default in the dark, before the first pass.
+struct SolveStart {
+  std::vector<proto::PassReport> passes;    ///< that are done
+  std::shared_ptr<const Lightmap> light;    ///< after them; null before the first pass
+  std::shared_ptr<const Lightmap> earlier;  ///< before the last of them; may be null before the
+                                            ///< second pass, and while there are passes left to do
+};
+
 std::unique_ptr<Solver> make_solver(const SolverInput&);
 
-/// Runs the passes of a solver over all texels, batch by batch, to the end.
+/// Runs the passes of a solver over all texels, batch by batch, to the end. From any start that
+/// these passes led to, with Solver::state() as they left it, the light is the same bit by bit.
 /// Errors: `canceled`, `internal` when a light is not finite, those of hooks.on_pass.
 proto::Expected<Solution> solve(Solver&, const TextureGroup&, ThreadPool&, std::stop_token,
-                                const SolveHooks& = {});
+                                const SolveHooks& = {}, SolveStart = {});
 
 }  // namespace kiln::baker

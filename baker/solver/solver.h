@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -35,6 +36,7 @@ struct Pass {
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
   std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
   double work = 1;                                   ///< expected effort, in rays per texel
+  bool fills_state = false;  ///< leaves in Solver::state() what later passes read
 };
 
 /// One light-transport method. A bake calls next(), then run() for ranges that cover every texel
@@ -56,6 +58,9 @@ class Solver {
   /// @return rays traced
   virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
                             Lightmap& after) = 0;
+  /// What passes with `fills_state` leave for later ones, beside the light. Its size never changes;
+  /// a checkpoint stores it as it is and writes it back. Empty: there is none.
+  virtual std::span<std::byte> state() { return {}; }
   /// After the last pass: adds what the method knows of the passes it left out.
   /// @return factor on the last update that was added
   virtual double extrapolate(std::span<const proto::PassReport>, const Lightmap& /*before_last*/,

@@ -51,7 +51,8 @@ JobRun::Outcome JobRun::bake() {
                                  context_.import_limits,
                                  context_.data.results(job.id),
                                  context_.data.checkpoints(job.id),
-                                 scene->main_sha256};
+                                 scene->main_sha256,
+                                 scene->key};
     auto manifest = context_.bake(input, context_.pool, job_.stop.get_token(), *this);
     if (!manifest) return {manifest.error(), {}};
     auto files = collect(*manifest);
@@ -84,6 +85,7 @@ proto::Expected<std::vector<proto::ResultFile>> JobRun::collect(
 }
 
 void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
+  bool over = true;
   const auto attempt = [&] {
     const std::lock_guard lock(job_.mutex);
     const bool stopped = outcome.error && outcome.error->code == proto::kCanceledCode;
@@ -91,6 +93,7 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       finish_job(context_.store, job_, JobState::kCancelled, std::nullopt, {});
     } else if (stopped && service_stop.stop_requested()) {
       requeue_job(context_.store, job_);
+      over = false;
     } else if (outcome.error) {
       finish_job(context_.store, job_, JobState::kFailed, outcome.error, {});
     } else {
@@ -109,6 +112,7 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   }
+  if (over) context_.data.remove_checkpoints(job_.id);
   context_.notify();
 }
 
@@ -145,8 +149,22 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
   record([&] { add_event(context_.store, job_, "job.progress", proto::to_json(progress)); });
 }
 
+void JobRun::on_resume(std::uint32_t passes) {
+  log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
+  const nlohmann::json data{
+      {"level", "info"},
+      {"code", "resumed"},
+      {"pointer", ""},
+      {"message", "Goes on after " + std::to_string(passes) + " passes of an earlier attempt."}};
+  record([&] { add_event(context_.store, job_, "log", data); });
+}
+
+// A pass that is done is progress: what ended the attempts before was not this job.
 void JobRun::on_pass(const proto::PassReport& report) {
-  record([&] { add_event(context_.store, job_, "pass.completed", proto::to_json(report)); });
+  record([&] {
+    job_.stored.crashes = 0;
+    add_event(context_.store, job_, "pass.completed", proto::to_json(report));
+  });
 }
 
 void JobRun::on_snapshot(baker::Snapshot snapshot) {

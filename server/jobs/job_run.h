@@ -34,6 +34,7 @@ class JobRun final : public baker::BakeObserver {
   void run(std::stop_token service_stop);
 
   void on_stage(const std::string& name) override;
+  void on_resume(std::uint32_t passes) override;
   void on_progress(const proto::JobProgress&) override;
   void on_pass(const proto::PassReport&) override;
   void on_snapshot(baker::Snapshot) override;

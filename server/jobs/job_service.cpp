@@ -55,8 +55,8 @@ void JobService::add_live(const LivePtr& job) {
     queue_.insert({-job->stored.priority, job->stored.sequence});
 }
 
-// What the process before us did not finish. A job that was running when it died is run again,
-// unless it has been there so often that it is the likely cause.
+// What the process before us did not finish. A job that was running when it died goes on, unless it
+// has been there so often without getting further that it is the likely cause.
 void JobService::recover() {
   for (StoredJob& stored : store_.unfinished()) {
     auto job = std::make_shared<LiveJob>(stored, store_.events_after(stored.job.id, 0));
@@ -71,7 +71,7 @@ void JobService::recover() {
       finish_job(store_, *job, JobState::kFailed,
                  proto::Error{"worker_lost",
                               "The service ended " + std::to_string(s.crashes) +
-                                  " times while it ran this job.",
+                                  " times while it ran this job, at the same pass.",
                               {}},
                  {});
     } else {

@@ -34,7 +34,8 @@ using BakeFunction = std::function<proto::Expected<proto::Manifest>(
 struct JobLimits {
   std::uint32_t running = 2;    ///< jobs at once
   std::uint32_t queued = 1000;  ///< waiting jobs; beyond: `queue_full`
-  std::uint32_t crashes = 3;    ///< attempts that may end with the process before a job fails
+  std::uint32_t crashes = 3;    ///< attempts in a row that may end with the process, without one
+                                ///< more pass done, before a job fails
   std::chrono::milliseconds progress_interval{250};  ///< between two job.progress events
 };
 
@@ -43,6 +44,7 @@ struct JobLimits {
 ///
 /// States: queued -> preparing -> running -> finalizing -> succeeded | failed | canceled, with
 /// canceling in between; back to queued, with the next attempt, when the process ended in between.
+/// That attempt goes on after the last pass that was done.
 class JobService {
  public:
   /// Takes up the jobs that an earlier process left, then starts the runners.

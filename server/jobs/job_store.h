@@ -19,7 +19,7 @@ struct StoredJob {
   proto::Job job;
   std::int64_t sequence = 0;  ///< order of submission
   std::int64_t priority = 0;
-  std::uint32_t crashes = 0;  ///< attempts that ended with the process
+  std::uint32_t crashes = 0;  ///< attempts in a row that ended with the process, no pass done
 };
 
 struct JobFilter {

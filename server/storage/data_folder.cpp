@@ -50,6 +50,11 @@ void DataFolder::remove_job(const std::string& id) const {
   fs::remove_all(job(id), error);
 }
 
+void DataFolder::remove_checkpoints(const std::string& id) const {
+  std::error_code error;
+  fs::remove_all(checkpoints(id), error);
+}
+
 fs::path DataFolder::new_temporary() const {
   static std::atomic<std::uint64_t> counter{0};
   return temporary() / ("u" + std::to_string(++counter));

@@ -25,9 +25,11 @@ class DataFolder {
   std::filesystem::path results(const std::string& id) const { return job(id) / "results"; }
   std::filesystem::path checkpoints(const std::string& id) const { return job(id) / "checkpoints"; }
 
-  /// Creates a job's folders and empties the results that an earlier attempt left.
+  /// Creates a job's folders and empties the results that an earlier attempt left; its checkpoints
+  /// stay.
   proto::Expected<void> make_job_folders(const std::string& id) const;
   void remove_job(const std::string& id) const;
+  void remove_checkpoints(const std::string& id) const;
 
   /// A new name in tmp/, unique within this process.
   std::filesystem::path new_temporary() const;

@@ -5,60 +5,15 @@
 
 #include <chrono>
 #include <cmath>
-#include <fstream>
-#include <mutex>
 #include <thread>
 
 #include "baker/output/output.h"
-#include "baker/scene/generate.h"
-#include "baker/solver/checkpoint.h"
-#include "tests/support/temp_files.h"
+#include "tests/bake/recorder.h"
 
 namespace kiln::baker {
 namespace {
 
 using namespace std::chrono_literals;
-namespace fs = std::filesystem;
-using kiln::test::read_bytes;
-using kiln::test::TempFolder;
-
-struct Recorder : BakeObserver {
-  std::vector<std::string> stages;
-  std::vector<proto::PassReport> passes;
-  std::uint32_t snapshots = 0;
-  std::mutex mutex;
-  double fraction = 0;
-  bool fell = false;
-  std::stop_source* stop_at_progress = nullptr;
-
-  void on_stage(const std::string& s) override { stages.push_back(s); }
-  void on_pass(const proto::PassReport& p) override { passes.push_back(p); }
-  void on_snapshot(Snapshot s) override {
-    ++snapshots;
-    EXPECT_EQ(s.light->size(), s.texels->size());
-  }
-  void on_progress(const proto::JobProgress& p) override {
-    const std::lock_guard lock(mutex);
-    fell = fell || p.fraction < fraction - 0.02;  // two threads may report out of turn
-    fraction = p.fraction;
-    if (stop_at_progress && p.stage == "solve") stop_at_progress->request_stop();
-  }
-};
-
-BakeInput input_for(const TempFolder& folder, const std::string& generator,
-                    std::uint32_t page_size) {
-  const auto glb = generate_glb(generator);
-  EXPECT_TRUE(glb);
-  BakeInput in;
-  in.files.main = folder.write("scene.glb", *glb);
-  in.settings.atlas.page_size = page_size;
-  in.output_dir = folder.path() / "out";
-  in.checkpoint_dir = folder.path() / "checkpoints";
-  in.scene_sha256 = "cafe";
-  fs::create_directories(in.output_dir);
-  fs::create_directories(in.checkpoint_dir);
-  return in;
-}
 
 TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
   const TempFolder folder;
@@ -126,28 +81,6 @@ TEST(Bake, StopsWithinASecondAndSaysSo) {
   EXPECT_EQ(manifest.error().code, proto::kCanceledCode);
   EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s);
   EXPECT_FALSE(fs::exists(in.output_dir / "manifest.json"));
-}
-
-TEST(Bake, CheckpointHoldsTheLastPass) {
-  const TempFolder folder;
-  const BakeInput in = input_for(folder, "cornell", 64);
-  ThreadPool pool(2);
-  Recorder recorder;
-  ASSERT_TRUE(bake(in, pool, {}, recorder));
-  const auto checkpoint = read_checkpoint(in.checkpoint_dir, in.scene_sha256);
-  ASSERT_TRUE(checkpoint) << checkpoint.error().message;
-  EXPECT_EQ(checkpoint->passes.size(), recorder.passes.size());
-  EXPECT_EQ(checkpoint->passes.back().name, recorder.passes.back().name);
-  EXPECT_GT(checkpoint->light.irradiance(checkpoint->light.size() / 2).g, 0);
-  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, "another").error().code, "no_checkpoint");
-
-  const fs::path file = in.checkpoint_dir / "pass.bin";
-  std::string bytes = read_bytes(file);
-  bytes[bytes.size() / 2] = char(bytes[bytes.size() / 2] ^ 1);
-  std::ofstream(file, std::ios::binary) << bytes;
-  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, in.scene_sha256).error().code, "no_checkpoint");
-  fs::resize_file(file, 100);
-  EXPECT_EQ(read_checkpoint(in.checkpoint_dir, in.scene_sha256).error().code, "no_checkpoint");
 }
 
 TEST(Bake, SceneWithoutLightIsAnErrorUnlessAllowed) {

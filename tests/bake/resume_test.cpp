@@ -1,0 +1,154 @@
+// A bake that was cut goes on from its checkpoints, and nobody can tell from the result.
+#include <fstream>
+
+#include "tests/bake/recorder.h"
+
+namespace kiln::baker {
+namespace {
+
+class Resume : public ::testing::Test {
+ protected:
+  TempFolder folder_;
+  ThreadPool pool_{2};
+  BakeInput input_ = input_for(folder_, "cornell", 64);
+
+  Resume() {
+    input_.settings.solver.samples = 40;
+    input_.settings.output.precision = proto::Precision::kFloat;
+    input_.settings.output.layers = {"irradiance", "direct", "indirect"};
+  }
+
+  /// Bakes, and stops after so many passes.
+  Told run(std::size_t passes = SIZE_MAX) {
+    Recorder recorder;
+    recorder.stop_after = passes;
+    const auto manifest = bake(input_, pool_, recorder.stop.get_token(), recorder);
+    EXPECT_EQ(manifest.has_value(), passes == SIZE_MAX);
+    if (manifest) {
+      EXPECT_EQ(manifest->statistics.passes.size(), recorder.resumed + recorder.passes.size());
+      tail_scale_ = manifest->statistics.tail_scale;
+    }
+    return recorder;
+  }
+  void forget() {
+    fs::remove_all(input_.checkpoint_dir);
+    fs::create_directories(input_.checkpoint_dir);
+  }
+  std::string exr() const { return read_bytes(input_.output_dir / "page_00.exr"); }
+  fs::path file(const char* name) const { return input_.checkpoint_dir / name; }
+
+  /// One byte in the middle turned over.
+  static void damage(const fs::path& file) {
+    std::string bytes = read_bytes(file);
+    bytes.at(bytes.size() / 2) = char(bytes[bytes.size() / 2] ^ 1);
+    std::ofstream(file, std::ios::binary) << bytes;
+  }
+
+  double tail_scale_ = 0;
+};
+
+TEST_F(Resume, AfterAnyPassNoPassIsMadeAgainAndNoBitDiffers) {
+  for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
+    input_.settings.solver.method = method;
+    forget();
+    const std::size_t passes = run().passes.size();
+    ASSERT_GT(passes, 2u);
+    const std::string undisturbed = exr();
+    const double scale = tail_scale_;
+    for (std::size_t cut = 1; cut <= passes; ++cut) {
+      forget();
+      EXPECT_EQ(run(cut).passes.size(), cut);
+      const Told rest = run();
+      EXPECT_EQ(rest.resumed, cut);
+      EXPECT_EQ(rest.passes.size(), passes - cut);
+      EXPECT_TRUE(rest.checkpoint_warnings.empty());
+      if (cut < passes) {
+        EXPECT_EQ(rest.passes.front().index, cut);
+      }
+      EXPECT_TRUE(exr() == undisturbed) << "cut after " << cut;
+      EXPECT_EQ(tail_scale_, scale);
+    }
+  }
+}
+
+TEST_F(Resume, ManyTimesInOneBake) {
+  const std::size_t passes = run().passes.size();
+  const std::string undisturbed = exr();
+  forget();
+  for (std::size_t cut = 1; cut < passes; ++cut) {
+    const Told part = run(1);
+    EXPECT_EQ(part.resumed, cut - 1);
+    EXPECT_EQ(part.passes.size(), 1u);
+  }
+  run();
+  EXPECT_TRUE(exr() == undisturbed);
+}
+
+TEST_F(Resume, CheckpointsOfAnotherBakeAreLeftAlone) {
+  run(3);
+  const auto expect_fresh = [&](const char* what) {
+    const Told fresh = run(3);
+    EXPECT_EQ(fresh.resumed, 0u) << what;
+    EXPECT_EQ(fresh.passes.size(), 3u) << what;
+    EXPECT_EQ(fresh.checkpoint_warnings, std::vector<std::string>{"checkpoint_ignored"}) << what;
+  };
+  input_.settings.solver.seed = 2;
+  expect_fresh("other settings");
+  input_.scene_key = "dead";
+  expect_fresh("another scene");
+}
+
+TEST_F(Resume, DamageIsNoticedAndTheBakeStartsAgain) {
+  run();
+  const std::string undisturbed = exr();
+  struct Case {
+    const char* what;
+    std::function<void()> harm;
+    std::uint32_t resumed;  ///< after 3 passes, whose light lies in pass_1.bin
+  };
+  for (const Case& c :
+       std::vector<Case>{{"state damaged", [&] { damage(file("state.bin")); }, 0},
+                         {"state gone", [&] { fs::remove(file("state.bin")); }, 0},
+                         {"state cut", [&] { fs::resize_file(file("state.bin"), 100); }, 0},
+                         {"newest damaged", [&] { damage(file("pass_1.bin")); }, 2},
+                         {"newest empty", [&] { fs::resize_file(file("pass_1.bin"), 0); }, 2},
+                         {"earlier damaged", [&] { damage(file("pass_0.bin")); }, 3},
+                         {"both damaged",
+                          [&] {
+                            damage(file("pass_0.bin"));
+                            damage(file("pass_1.bin"));
+                          },
+                          0}}) {
+    forget();
+    run(3);
+    c.harm();
+    const Told again = run();
+    EXPECT_EQ(again.resumed, c.resumed) << c.what;
+    EXPECT_EQ(again.checkpoint_warnings.empty(), c.resumed > 0) << c.what;
+    EXPECT_TRUE(exr() == undisturbed) << c.what;
+  }
+}
+
+TEST_F(Resume, TheLastPassNeedsTheOneBeforeIt) {
+  const std::size_t passes = run().passes.size();
+  const std::string undisturbed = exr();
+  damage(file(passes % 2 ? "pass_0.bin" : "pass_1.bin"));
+  const Told again = run();
+  EXPECT_EQ(again.resumed, 0u);
+  EXPECT_EQ(again.checkpoint_warnings, std::vector<std::string>{"checkpoint_ignored"});
+  EXPECT_TRUE(exr() == undisturbed);
+}
+
+TEST_F(Resume, ACheckpointThatCanNotBeWrittenDoesNotEndTheBake) {
+  const std::size_t passes = run().passes.size();
+  const std::string undisturbed = exr();
+  fs::remove_all(input_.checkpoint_dir);
+  const Told without = run();
+  EXPECT_EQ(without.passes.size(), passes);
+  EXPECT_EQ(without.checkpoint_warnings, std::vector<std::string>{"checkpoint_failed"})
+      << "said once";
+  EXPECT_TRUE(exr() == undisturbed);
+}
+
+}  // namespace
+}  // namespace kiln::baker

@@ -1,0 +1,76 @@
+// A solver that keeps fewer hits than it has samples ends with a final gather: it resumes, too.
+#include "baker/solver/checkpoint.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "baker/solver/gather.h"
+#include "tests/solver/quad_scene.h"
+#include "tests/support/temp_files.h"
+
+namespace kiln::baker::test {
+namespace {
+
+bool same_bits(const std::vector<Rgb>& a, const std::vector<Rgb>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Rgb)) == 0;
+}
+
+TEST(Checkpoint, AFinalGatherIsReachedFromAnyPass) {
+  QuadScene room(48);
+  room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
+  room.add({{0.8f, 1.99f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
+  room.build();
+  proto::SolverSettings settings;
+  settings.samples = 64;
+  const auto rays = RayScene::build(room.scene());
+  const LightSet lights(room.scene());
+  const TexelLookup lookup(room.scene(), room.atlas(), room.texels());
+  const SolverInput input{room.scene(), room.atlas(), room.texels(), *rays,
+                          lights,       lookup,       settings};
+  ThreadPool pool(2);
+  const auto solver_of = [&] { return make_gather_solver(input, 1); };
+  const auto whole = solve(*solver_of(), room.texels(), pool, {});
+  ASSERT_TRUE(whole);
+  ASSERT_EQ(whole->passes.back().name, "final gather");
+
+  for (std::size_t cut = 1; cut <= whole->passes.size(); ++cut) {
+    const kiln::test::TempFolder folder;
+    const auto first = solver_of();
+    std::vector<proto::PassReport> passes;
+    std::stop_source stop;
+    SolveHooks hooks;
+    hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
+                        std::shared_ptr<const Lightmap> light) -> proto::Expected<void> {
+      passes.push_back(report);
+      if (pass.fills_state) {
+        EXPECT_TRUE(write_state(folder.path(), "key", first->state()));
+      }
+      EXPECT_TRUE(write_checkpoint(folder.path(), "key", passes, *light));
+      if (passes.size() == cut) stop.request_stop();
+      return {};
+    };
+    (void)solve(*first, room.texels(), pool, stop.get_token(), hooks);
+    ASSERT_EQ(passes.size(), cut);
+
+    const auto second = solver_of();
+    auto start = read_checkpoint(folder.path(), "key", *second, room.texels().size());
+    ASSERT_TRUE(start) << start.error().message;
+    ASSERT_TRUE(*start);
+    const auto rest = solve(*second, room.texels(), pool, {}, {}, std::move(**start));
+    ASSERT_TRUE(rest);
+    EXPECT_EQ(rest->passes.size(), whole->passes.size());
+    EXPECT_TRUE(same_bits(rest->light->indirect, whole->light->indirect)) << cut;
+    EXPECT_TRUE(same_bits(rest->light->direct, whole->light->direct)) << cut;
+
+    EXPECT_EQ(read_checkpoint(folder.path(), "other", *second, room.texels().size()).error().code,
+              "invalid_checkpoint");
+    EXPECT_EQ(read_checkpoint(folder.path(), "key", *second, 7).error().code, "invalid_checkpoint");
+    remove_checkpoints(folder.path());
+    const auto none = read_checkpoint(folder.path(), "key", *second, room.texels().size());
+    EXPECT_TRUE(none && !*none);
+  }
+}
+
+}  // namespace
+}  // namespace kiln::baker::test
