@@ -8,12 +8,12 @@
 #include <utility>
 
 #include "baker/atlas/atlas.h"
-#include "baker/output/files.h"
 #include "baker/output/output.h"
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
 #include "proto/json.h"
+#include "proto/sha256.h"
 
 namespace kiln::baker {
 namespace {
@@ -124,8 +124,9 @@ class Checkpoints {
       : dir_(input.checkpoint_dir), observer_(observer) {
     // The program is part of the key: another version, or other vector units, give other bits.
     if (!dir_.empty())
-      key_ = sha256_hex(LIGHTKILN_VERSION "\n" + std::string(instruction_set()) + "\n" +
-                        input.scene_key + "\n" + proto::to_text(proto::to_json(input.settings)));
+      key_ = proto::sha256_hex(LIGHTKILN_VERSION "\n" + std::string(instruction_set()) + "\n" +
+                               input.scene_key + "\n" +
+                               proto::to_text(proto::to_json(input.settings)));
   }
 
   SolveStart find(Solver& solver, std::uint32_t texels) {

@@ -3,6 +3,7 @@
 
 #include "clients/client_impl.h"
 #include "clients/verified_file.h"
+#include "proto/files.h"
 #include "proto/json.h"
 
 namespace kiln::clients {
@@ -16,15 +17,14 @@ constexpr const char* kManifest = "manifest.json";
 std::string digest_of(const std::string& etag) {
   const bool quoted = etag.size() == 66 && etag.front() == '"' && etag.back() == '"';
   const std::string inner = quoted ? etag.substr(1, 64) : etag;
-  const bool hex = inner.size() == 64 && inner.find_first_not_of("0123456789abcdef") == inner.npos;
-  return hex ? inner : "";
+  return proto::is_sha256(inner) ? inner : "";
 }
 
 bool is_there(const proto::ResultFile& file, const std::filesystem::path& target) {
   std::error_code error;
   if (file.sha256.empty() || !std::filesystem::is_regular_file(target, error)) return false;
-  const auto digest = sha256_of_file(target);
-  return digest && *digest == file.sha256;
+  const auto digest = proto::digest_file(target);
+  return digest && digest->sha256 == file.sha256;
 }
 
 }  // namespace

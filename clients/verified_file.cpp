@@ -1,11 +1,8 @@
 #include "clients/verified_file.h"
 
-#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <utility>
 
 namespace kiln::clients {
@@ -16,56 +13,34 @@ VerifiedFile::VerifiedFile(std::filesystem::path target)
                  ("." + target_.filename().string() + ".part-" + std::to_string(::getpid()))) {}
 
 VerifiedFile::~VerifiedFile() {
-  if (fd_ < 0) return;
-  close();
   ::unlink(temporary_.c_str());
 }
 
-proto::Unexpected VerifiedFile::io_error(const std::string& what, int number) const {
-  return proto::fail("io_error",
-                     "can't " + what + " " + target_.string() + ": " + std::strerror(number));
-}
-
 proto::Expected<void> VerifiedFile::open() {
-  close();
-  fd_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd_ < 0) return io_error("write", errno);
-  size_ = 0;
-  write_error_ = 0;
-  hash_ = std::make_unique<Sha256>();
+  file_.reset();
+  written_ = {};
+  ::unlink(temporary_.c_str());  // of an earlier try, or of a process that had our id and crashed
+  auto file = proto::HashingFile::create(temporary_, 0666);
+  if (!file) return proto::Unexpected(std::move(file.error()));
+  file_.emplace(std::move(*file));
   return {};
 }
 
 bool VerifiedFile::write(std::string_view bytes) {
-  hash_->update(bytes);
-  while (!bytes.empty()) {
-    const auto n = ::write(fd_, bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) {
-      write_error_ = n < 0 ? errno : ENOSPC;
-      return false;
-    }
-    size_ += static_cast<std::uint64_t>(n);
-    bytes.remove_prefix(static_cast<std::size_t>(n));
-  }
-  return true;
+  written_ = file_->write(bytes);
+  return written_.has_value();
 }
 
 proto::Expected<void> VerifiedFile::commit(const std::string& sha256) {
-  if (write_error_ != 0) return io_error("write", write_error_);
-  const std::string found = hash_->hex();
-  if (!sha256.empty() && found != sha256)
+  if (!written_) return written_;
+  const auto found = file_->finish();
+  if (!found) return proto::Unexpected(found.error());
+  if (!sha256.empty() && *found != sha256)
     return proto::fail("digest_mismatch", target_.filename().string() + " arrived with SHA-256 " +
-                                              found + ", expected " + sha256);
-  if (::fsync(fd_) != 0) return io_error("flush", errno);
-  if (::rename(temporary_.c_str(), target_.c_str()) != 0) return io_error("rename", errno);
-  close();
-  return {};
-}
-
-void VerifiedFile::close() {
-  if (fd_ >= 0) ::close(fd_);
-  fd_ = -1;
+                                              *found + ", expected " + sha256);
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0)
+    return proto::storage_error("rename to", target_);
+  return proto::sync_folder(target_.parent_path());
 }
 
 bool is_plain_name(std::string_view name) {

@@ -2,12 +2,11 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
-#include "clients/sha256.h"
-#include "proto/expected.h"
+#include "proto/files.h"
 
 namespace kiln::clients {
 
@@ -20,23 +19,18 @@ class VerifiedFile {
   VerifiedFile(const VerifiedFile&) = delete;
   VerifiedFile& operator=(const VerifiedFile&) = delete;
 
-  proto::Expected<void> open();  ///< starts (again) with an empty file; errors: `io_error`
-  bool write(std::string_view bytes);
-  std::uint64_t size() const { return size_; }
+  /// Starts (again) with an empty file. Errors: `storage_full`, `io_error`.
+  proto::Expected<void> open();
+  bool write(std::string_view bytes);  ///< false: commit() will say why
 
   /// Checks digest ("" for none known), flushes to disk, renames. Errors: `digest_mismatch`,
-  /// `io_error`.
+  /// `storage_full`, `io_error`.
   proto::Expected<void> commit(const std::string& sha256);
 
  private:
   std::filesystem::path target_, temporary_;
-  int fd_ = -1;
-  std::uint64_t size_ = 0;
-  std::unique_ptr<Sha256> hash_;
-  int write_error_ = 0;  ///< errno of the first write that failed
-
-  void close();
-  proto::Unexpected io_error(const std::string& what, int number) const;
+  std::optional<proto::HashingFile> file_;
+  proto::Expected<void> written_;  ///< the first write that failed
 };
 
 /// Whether a result's name is a plain file name that can't leave its folder: letters, digits, '.',

@@ -1,9 +1,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "baker/output/files.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
+#include "proto/files.h"
 #include "proto/json.h"
 
 namespace kiln::baker {
@@ -135,10 +135,10 @@ class Writer {
                                         " lx, and half precision ends at 65,504"});
     }
     const auto metadata = exr_metadata(p);
-    if (auto ok = write_whole(dir_ / info.exr,
-                              [&](const std::filesystem::path& temporary) {
-                                return write_exr(temporary, named, precision, metadata);
-                              });
+    if (auto ok = proto::write_whole(dir_ / info.exr,
+                                     [&](const std::filesystem::path& temporary) {
+                                       return write_exr(temporary, named, precision, metadata);
+                                     });
         !ok)
       return ok;
     return add_file(info.exr, "image/x-exr");
@@ -160,7 +160,7 @@ class Writer {
         {"lightkiln:samples", std::to_string(solver.samples)},
         {"lightkiln:seed", std::to_string(solver.seed)},
         {"lightkiln:sceneSha256", manifest_.scene_sha256},
-        {"lightkiln:settingsSha256", sha256_hex(proto::to_json(settings_).dump())},
+        {"lightkiln:settingsSha256", proto::sha256_hex(proto::to_json(settings_).dump())},
         {"lightkiln:instructionSet", manifest_.instruction_set},
     };
   }
@@ -173,7 +173,7 @@ class Writer {
         settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(image);
     const auto png = encode_png(tone_map(image, info.preview_exposure), image.width, image.height);
     if (!png) return Unexpected(png.error());
-    if (auto ok = write_bytes(dir_ / info.preview, *png); !ok) return ok;
+    if (auto ok = proto::write_bytes(dir_ / info.preview, *png); !ok) return ok;
     return add_file(info.preview, "image/png");
   }
 
@@ -200,11 +200,11 @@ class Writer {
   proto::Expected<void> write_lit_scene() {
     if (!contains(settings_.output.formats, "glb")) return {};
     if (auto ok = canceled(); !ok) return ok;
-    if (auto ok = write_whole(dir_ / "lit.glb",
-                              [&](const std::filesystem::path& temporary) {
-                                return write_lit_glb(temporary, in_.files, in_.scene, in_.atlas,
-                                                     lit_pages_);
-                              });
+    if (auto ok = proto::write_whole(dir_ / "lit.glb",
+                                     [&](const std::filesystem::path& temporary) {
+                                       return write_lit_glb(temporary, in_.files, in_.scene,
+                                                            in_.atlas, lit_pages_);
+                                     });
         !ok)
       return ok;
     return add_file("lit.glb", "model/gltf-binary");
@@ -215,14 +215,14 @@ class Writer {
   proto::Expected<void> write_manifest() {
     if (auto ok = canceled(); !ok) return ok;
     const std::string text = proto::to_json(manifest_).dump(1) + "\n";
-    if (auto ok = write_bytes(dir_ / "manifest.json", text); !ok) return ok;
+    if (auto ok = proto::write_bytes(dir_ / "manifest.json", text); !ok) return ok;
     return add_file("manifest.json", "application/json");
   }
 
   proto::Expected<void> add_file(const std::string& name, const char* media_type) {
-    auto file = describe_file(dir_ / name, media_type);
-    if (!file) return Unexpected(file.error());
-    manifest_.files.push_back(std::move(*file));
+    auto digest = proto::digest_file(dir_ / name);
+    if (!digest) return Unexpected(digest.error());
+    manifest_.files.push_back({name, media_type, digest->bytes, std::move(digest->sha256)});
     return {};
   }
 

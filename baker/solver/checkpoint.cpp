@@ -1,17 +1,13 @@
 #include "baker/solver/checkpoint.h"
 
-#include <openssl/evp.h>
-
 #include <array>
 #include <cerrno>
 #include <fstream>
 #include <functional>
-#include <memory>
-#include <new>
 #include <type_traits>
 #include <utility>
 
-#include "baker/output/files.h"
+#include "proto/files.h"
 
 namespace kiln::baker {
 namespace {
@@ -24,37 +20,14 @@ constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '2'};
 constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
 constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
 constexpr const char* kStateFile = "state.bin";
-constexpr std::size_t kDigestBytes = 32;
 constexpr std::uint32_t kMaxTextBytes = 4096;
-using Digest = std::array<unsigned char, kDigestBytes>;
-
-/// SHA-256 over what passes through.
-class Hasher {
- public:
-  Hasher() : context_(EVP_MD_CTX_new()) {
-    if (!context_ || EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) != 1)
-      throw std::bad_alloc();
-  }
-  void add(const void* data, std::size_t bytes) { EVP_DigestUpdate(context_.get(), data, bytes); }
-  Digest finish() {
-    Digest d;
-    EVP_DigestFinal_ex(context_.get(), d.data(), nullptr);
-    return d;
-  }
-
- private:
-  struct Free {
-    void operator()(EVP_MD_CTX* c) const { EVP_MD_CTX_free(c); }
-  };
-  std::unique_ptr<EVP_MD_CTX, Free> context_;
-};
 
 class Writer {
  public:
   explicit Writer(std::ofstream& out) : out_(out) {}
   void bytes(const void* data, std::size_t n) {
     out_.write(static_cast<const char*>(data), std::streamsize(n));
-    hash_.add(data, n);
+    hash_.update({static_cast<const char*>(data), n});
   }
   template <class T>
   void value(T v) {
@@ -70,13 +43,13 @@ class Writer {
     bytes(p.data(), p.size() * sizeof(T));
   }
   void seal() {
-    const Digest d = hash_.finish();
-    out_.write(reinterpret_cast<const char*>(d.data()), kDigestBytes);
+    const auto digest = hash_.digest();
+    out_.write(reinterpret_cast<const char*>(digest.data()), std::streamsize(digest.size()));
   }
 
  private:
   std::ofstream& out_;
-  Hasher hash_;
+  proto::Sha256 hash_;
 };
 
 class Reader {
@@ -84,7 +57,7 @@ class Reader {
   explicit Reader(std::ifstream& in) : in_(in) {}
   bool bytes(void* data, std::size_t n) {
     if (!in_.read(static_cast<char*>(data), std::streamsize(n))) return false;
-    hash_.add(data, n);
+    hash_.update({static_cast<const char*>(data), n});
     return true;
   }
   template <class T>
@@ -106,15 +79,15 @@ class Reader {
     return bytes(found.data(), found.size()) && found == expected;
   }
   bool sealed() {
-    const Digest expected = hash_.finish();
-    Digest found;
-    in_.read(reinterpret_cast<char*>(found.data()), kDigestBytes);
+    const auto expected = hash_.digest();
+    auto found = expected;
+    in_.read(reinterpret_cast<char*>(found.data()), std::streamsize(found.size()));
     return in_ && found == expected;
   }
 
  private:
   std::ifstream& in_;
-  Hasher hash_;
+  proto::Sha256 hash_;
 };
 
 void write_report(Writer& w, const proto::PassReport& p) {
@@ -188,7 +161,7 @@ Expected<void> read_state(const fs::path& file, const std::string& key, std::spa
 /// Writes with `fill`, seals, and puts the file in its place.
 Expected<void> write_sealed(const fs::path& file, const Magic& magic, const std::string& key,
                             const std::function<void(Writer&)>& fill) {
-  return write_whole(file, [&](const fs::path& temporary) -> Expected<void> {
+  return proto::write_whole(file, [&](const fs::path& temporary) -> Expected<void> {
     errno = 0;
     std::ofstream out(temporary, std::ios::binary);
     Writer w(out);
@@ -198,9 +171,7 @@ Expected<void> write_sealed(const fs::path& file, const Magic& magic, const std:
     w.seal();
     out.close();
     if (out) return {};
-    const bool full = errno == ENOSPC || errno == EDQUOT;
-    return proto::fail(full ? "storage_full" : "io_error",
-                       "Can't write the checkpoint " + file.filename().string() + ".");
+    return proto::storage_error("write", file);
   });
 }
 

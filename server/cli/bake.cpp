@@ -7,21 +7,21 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "clients/sha256.h"
+#include "proto/files.h"
 #include "proto/json.h"
 #include "server/cli/commands.h"
 #include "server/cli/interrupt.h"
 #include "server/cli/progress.h"
 #include "server/cli/report.h"
+#include "server/cli/scene_input.h"
 #include "server/cli/settings_input.h"
-#include "server/cli/side_files.h"
 
 namespace kiln::cli {
 namespace {
 
 struct BakeFlags {
-  std::string scene, out;
-  std::vector<std::string> side;
+  SceneInput scene;
+  std::string out;
   SettingsInput settings;
   unsigned threads = 0;
   bool quiet = false, json = false;
@@ -46,14 +46,14 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   if (!settings) return proto::Unexpected(std::move(settings.error()));
   input.settings = std::move(*settings);
   std::error_code error;
-  if (!std::filesystem::is_regular_file(flags.scene, error))
-    return proto::fail("missing_file", "there is no file " + flags.scene);
-  auto digest = clients::sha256_of_file(flags.scene);
+  if (!std::filesystem::is_regular_file(flags.scene.path, error))
+    return proto::fail("missing_file", "there is no file " + flags.scene.path);
+  auto digest = proto::digest_file(flags.scene.path);
   if (!digest) return proto::Unexpected(std::move(digest.error()));
-  input.scene_sha256 = std::move(*digest);
-  auto side = all_side_files(flags.scene, flags.side);
+  input.scene_sha256 = std::move(digest->sha256);
+  auto side = flags.scene.side_files();
   if (!side) return proto::Unexpected(std::move(side.error()));
-  input.files = {flags.scene, std::move(*side)};
+  input.files = {flags.scene.path, std::move(*side)};
   std::filesystem::create_directories(flags.out, error);
   if (error)
     return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());
@@ -97,18 +97,10 @@ int run_bake(const BakeFlags& flags) {
 void add_bake(CLI::App& app, Run& run) {
   auto flags = std::make_shared<BakeFlags>();
   auto* command = app.add_subcommand("bake", "Bake a scene here, without a service");
-  command->add_option("scene", flags->scene, "The scene: .glb, or .gltf with the files it names")
-      ->required()
-      ->type_name("IN");
+  flags->scene.add_flags(*command);
   command->add_option("-o,--out", flags->out, "Folder for the results; made when missing")
       ->required()
       ->type_name("DIR");
-  command
-      ->add_option("--side", flags->side,
-                   "A file that the scene needs and that does not lie beside it; may be given many "
-                   "times")
-      ->type_name("FILE")
-      ->take_all();
   flags->settings.add_flags(*command);
   command->add_option("--threads", flags->threads, "Threads that bake; 0: one per processor")
       ->check(CLI::Range(0u, 1024u))

@@ -28,7 +28,7 @@ constexpr std::array<Hint, 13> kHints{{
     {"queue_full", "try again later"},
     {"result_not_ready", "wait for the job with `lightkiln watch ID`"},
     {"server_unreachable", "start a service with `lightkiln serve`, or name one with --server URL"},
-    {"storage_full", "delete old jobs, or give the service another --data folder"},
+    {"storage_full", "make room on the disk; a service can be given another --data folder"},
     {"unknown_generator", "`lightkiln scene --list` names them all"},
 }};
 

@@ -5,15 +5,15 @@
 #include "server/cli/commands.h"
 #include "server/cli/remote.h"
 #include "server/cli/report.h"
+#include "server/cli/scene_input.h"
 #include "server/cli/settings_input.h"
-#include "server/cli/side_files.h"
 
 namespace kiln::cli {
 namespace {
 
 struct SubmitFlags {
-  std::string scene, out;
-  std::vector<std::string> side;
+  SceneInput scene;
+  std::string out;
   SettingsInput settings;
   RemoteFlags remote;
   bool wait = false;
@@ -22,9 +22,9 @@ struct SubmitFlags {
 proto::Expected<clients::Submission> submission_of(const SubmitFlags& flags) {
   auto settings = flags.settings.document();
   if (!settings) return proto::Unexpected(std::move(settings.error()));
-  auto side = all_side_files(flags.scene, flags.side);
+  auto side = flags.scene.side_files();
   if (!side) return proto::Unexpected(std::move(side.error()));
-  return clients::Submission{flags.scene, std::move(*side), std::move(*settings)};
+  return clients::Submission{flags.scene.path, std::move(*side), std::move(*settings)};
 }
 
 int run_submit(const SubmitFlags& flags) {
@@ -52,15 +52,7 @@ int run_submit(const SubmitFlags& flags) {
 void add_submit(CLI::App& app, Run& run) {
   auto flags = std::make_shared<SubmitFlags>();
   auto* command = app.add_subcommand("submit", "Send a scene to a service");
-  command->add_option("scene", flags->scene, "The scene: .glb, or .gltf with the files it names")
-      ->required()
-      ->type_name("FILE");
-  command
-      ->add_option("--side", flags->side,
-                   "A file that the scene needs and that does not lie beside it; may be given many "
-                   "times")
-      ->type_name("FILE")
-      ->take_all();
+  flags->scene.add_flags(*command);
   flags->settings.add_flags(*command);
   auto* wait = command->add_flag("--wait", flags->wait, "Show progress until the job ends");
   command->add_option("-o,--out", flags->out, "Then download the results into this folder")

@@ -51,7 +51,8 @@ Expected<Api::JobRequest> Api::read_json_job(Request& request) {
   const auto scene_name = document->find("scene");
   const bool named = scene_name != document->end() && scene_name->is_string();
   const std::string name = named ? scene_name->get<std::string>() : std::string();
-  if (!name.starts_with(kPrefix) || !is_sha256(std::string_view(name).substr(kPrefix.size())))
+  if (!name.starts_with(kPrefix) ||
+      !proto::is_sha256(std::string_view(name).substr(kPrefix.size())))
     return refuse("/scene",
                   "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
                   "POST /v1/scenes answered.");

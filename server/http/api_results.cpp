@@ -66,7 +66,7 @@ Expected<proto::Job> Api::find_finished(const Request& request) const {
 Response Api::get_results(Request& request) {
   auto job = find_finished(request);
   if (!job) return problem(job.error(), request);
-  auto text = read_file(data_.results(job->id) / "manifest.json", kMaxManifestBytes);
+  auto text = proto::read_file(data_.results(job->id) / "manifest.json", kMaxManifestBytes);
   if (!text) return problem(text.error(), request);
   auto manifest = proto::parse_json(*text, "manifest");
   if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
@@ -101,9 +101,9 @@ Response Api::get_result(Request& request) {
   const Selection selection = select_content(request.head, etag, found->bytes);
   if (selection.status == 304) return not_modified(etag);
   if (selection.status == 416) return unsatisfiable(found->bytes, request);
-  auto file =
-      std::make_shared<Fd>(::open((data_.results(job->id) / name).c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file->valid()) return problem(storage_error("open", name).value(), request);
+  auto file = std::make_shared<proto::Fd>(
+      ::open((data_.results(job->id) / name).c_str(), O_RDONLY | O_CLOEXEC));
+  if (!file->valid()) return problem(proto::storage_error("open", name).value(), request);
   Response response;
   response.status = selection.status;
   response.content_type = found->media_type;

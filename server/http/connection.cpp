@@ -21,7 +21,8 @@ constexpr std::string_view kHeadEnd = "\r\n\r\n";
 
 }  // namespace
 
-Connection::Connection(Fd fd, const EdgeLimits& limits) : fd_(std::move(fd)), limits_(limits) {
+Connection::Connection(proto::Fd fd, const EdgeLimits& limits)
+    : fd_(std::move(fd)), limits_(limits) {
   ::fcntl(fd_.get(), F_SETFL, ::fcntl(fd_.get(), F_GETFL) | O_NONBLOCK);
   ::fcntl(fd_.get(), F_SETFD, FD_CLOEXEC);
   sockaddr_storage address{};

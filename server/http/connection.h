@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-#include "server/storage/files.h"
+#include "proto/files.h"
 
 namespace kiln::server {
 
@@ -28,10 +28,10 @@ class Connection {
  public:
   using Clock = std::chrono::steady_clock;
 
-  Connection(Fd, const EdgeLimits&);
+  Connection(proto::Fd, const EdgeLimits&);
 
   int fd() const { return fd_.get(); }
-  Fd release() { return std::move(fd_); }
+  proto::Fd release() { return std::move(fd_); }
   const std::string& peer_address() const { return peer_; }
   int peer_port() const { return peer_port_; }
 
@@ -61,7 +61,7 @@ class Connection {
   bool too_slow(std::uint64_t bytes) const;
   ssize_t receive(char* out, std::size_t n);
 
-  Fd fd_;
+  proto::Fd fd_;
   const EdgeLimits& limits_;
   std::string peer_;
   int peer_port_ = 0;

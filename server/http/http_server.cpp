@@ -261,7 +261,7 @@ void HttpServer::Impl::accept_loop() {
 }
 
 bool HttpServer::Impl::process_and_close_socket(socket_t fd) {
-  lobby.adopt(std::make_unique<Connection>(Fd(fd), options.limits), /*fresh=*/true);
+  lobby.adopt(std::make_unique<Connection>(proto::Fd(fd), options.limits), /*fresh=*/true);
   return true;
 }
 

@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
+#include "proto/files.h"
 #include "server/jobs/event_ring.h"
-#include "server/storage/files.h"
 
 namespace kiln::server {
 
@@ -33,7 +33,7 @@ class Hub {
   Hub& operator=(const Hub&) = delete;
 
   struct Stream {
-    Fd socket;
+    proto::Fd socket;
     std::shared_ptr<const EventRing> ring;
     std::uint64_t after = 0;  ///< id of the last event that `intro` or the client has
     std::string intro;        ///< text to send first
@@ -51,7 +51,7 @@ class Hub {
 
  private:
   struct Client {
-    Fd socket;
+    proto::Fd socket;
     std::shared_ptr<const EventRing> ring;
     std::uint64_t sent = 0;
     std::string out;
@@ -74,7 +74,7 @@ class Hub {
   void end_all();
 
   std::chrono::milliseconds heartbeat_, stall_;
-  Fd epoll_, wake_;
+  proto::Fd epoll_, wake_;
   std::map<int, Client> clients_;                        ///< the hub's thread only
   std::map<const EventRing*, std::set<int>> followers_;  ///< the hub's thread only
   bool draining_ = false;                                ///< the hub's thread only

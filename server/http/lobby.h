@@ -50,7 +50,7 @@ class Lobby {
   const EdgeLimits& limits_;
   Ready ready_;
   LastWords last_words_;
-  Fd epoll_, wake_;
+  proto::Fd epoll_, wake_;
   std::map<int, Guest> guests_;  ///< the lobby's thread only
   std::size_t lingering_ = 0;    ///< guests that only leave: they take no one's place
   std::mutex mutex_;

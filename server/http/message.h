@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "proto/files.h"
 #include "server/http/body.h"
 #include "server/http/head.h"
 #include "server/jobs/event_ring.h"
-#include "server/storage/files.h"
 
 namespace kiln::server {
 
@@ -25,7 +25,7 @@ struct Request {
 
 /// A part of a file as the answer's content.
 struct FileContent {
-  std::shared_ptr<const Fd> file;
+  std::shared_ptr<const proto::Fd> file;
   std::uint64_t offset = 0, length = 0;
 };
 

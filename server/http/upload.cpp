@@ -72,7 +72,7 @@ class PartCollector {
         if (other.name == name_) return refuse("Two side files are called `" + name_ + "`.");
     }
     is_main_ = part.name == "scene";
-    auto file = HashingFile::create(upload_.scene.next_path());
+    auto file = proto::HashingFile::create(upload_.scene.next_path());
     if (!file) return proto::Unexpected(file.error());
     file_.emplace(std::move(*file));
     return {};
@@ -110,7 +110,7 @@ class PartCollector {
   bool settings_allowed_;
   bool in_settings_ = false, is_main_ = false;
   std::string name_;
-  std::optional<HashingFile> file_;
+  std::optional<proto::HashingFile> file_;
 };
 
 Expected<void> receive_parts(Request& request, const std::string& boundary,

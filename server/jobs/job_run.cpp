@@ -74,11 +74,11 @@ JobRun::Outcome JobRun::bake() {
 proto::Expected<std::vector<proto::ResultFile>> JobRun::collect(
     const proto::Manifest& manifest) const {
   const auto folder = context_.data.results(job_.id);
-  if (auto synced = sync_tree(folder); !synced) return proto::Unexpected(synced.error());
+  if (auto synced = proto::sync_tree(folder); !synced) return proto::Unexpected(synced.error());
   std::vector<proto::ResultFile> files;
   for (const auto& file : manifest.files)
     if (is_plain_name(file.name) && file.name != "manifest.json") files.push_back(file);
-  auto digest = digest_file(folder / "manifest.json");
+  auto digest = proto::digest_file(folder / "manifest.json");
   if (!digest) return proto::Unexpected(digest.error());
   files.push_back({"manifest.json", "application/json", digest->bytes, digest->sha256});
   return files;

@@ -17,7 +17,7 @@ proto::Expected<void> make_folder(const fs::path& path) {
   fs::create_directories(path, error);
   if (!error) return {};
   errno = error.value();
-  return storage_error("create the folder", path);
+  return proto::storage_error("create the folder", path);
 }
 
 }  // namespace
@@ -25,8 +25,8 @@ proto::Expected<void> make_folder(const fs::path& path) {
 proto::Expected<DataFolder> DataFolder::open(const fs::path& path) {
   if (auto made = make_folder(path); !made) return proto::Unexpected(made.error());
   const fs::path root = fs::absolute(path).lexically_normal();
-  Fd lock(::open((root / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0600));
-  if (!lock.valid()) return storage_error("open", root / "lock");
+  proto::Fd lock(::open((root / "lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0600));
+  if (!lock.valid()) return proto::storage_error("open", root / "lock");
   if (::flock(lock.get(), LOCK_EX | LOCK_NB) != 0)
     return proto::fail("data_folder_in_use", "The data folder " + root.string() +
                                                  " is in use by another lightkiln server.");
@@ -34,7 +34,7 @@ proto::Expected<DataFolder> DataFolder::open(const fs::path& path) {
   fs::remove_all(root / "tmp", ignored_when_absent);
   for (const char* name : {"scenes", "jobs", "tmp"})
     if (auto made = make_folder(root / name); !made) return proto::Unexpected(made.error());
-  if (auto ok = sync_folder(root); !ok) return proto::Unexpected(ok.error());
+  if (auto ok = proto::sync_folder(root); !ok) return proto::Unexpected(ok.error());
   return DataFolder(root, std::move(lock));
 }
 
@@ -62,7 +62,7 @@ fs::path DataFolder::new_temporary() const {
 
 bool DataFolder::writable() const {
   const fs::path probe = new_temporary();
-  const Fd fd(::open(probe.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600));
+  const proto::Fd fd(::open(probe.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600));
   if (!fd.valid()) return false;
   const bool written = ::write(fd.get(), "x", 1) == 1;
   ::unlink(probe.c_str());

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "proto/expected.h"
-#include "server/storage/files.h"
+#include "proto/files.h"
 
 namespace kiln::server {
 
@@ -39,10 +39,10 @@ class DataFolder {
   double free_share() const;  ///< of the disk, 0..1
 
  private:
-  DataFolder(std::filesystem::path root, Fd lock)
+  DataFolder(std::filesystem::path root, proto::Fd lock)
       : root_(std::move(root)), lock_(std::move(lock)) {}
   std::filesystem::path root_;
-  Fd lock_;
+  proto::Fd lock_;
 };
 
 }  // namespace kiln::server

@@ -34,7 +34,7 @@ proto::Expected<void> rename_path(const fs::path& from, const fs::path& to) {
   fs::rename(from, to, error);
   if (!error) return {};
   errno = error.value();
-  return storage_error("rename", from);
+  return proto::storage_error("rename", from);
 }
 
 }  // namespace
@@ -45,7 +45,7 @@ proto::Expected<SceneUpload> SceneUpload::create(const DataFolder& data) {
   fs::create_directory(folder, error);
   if (error) {
     errno = error.value();
-    return storage_error("create the folder", folder);
+    return proto::storage_error("create the folder", folder);
   }
   return SceneUpload(folder);
 }
@@ -71,13 +71,7 @@ SceneIdentity identify_scene(const std::string& main_sha256, std::vector<Uploade
   SceneIdentity identity;
   identity.index = main_sha256 + "  \n";
   for (const auto& file : side) identity.index += file.sha256 + "  " + file.name + "\n";
-  if (side.empty()) {
-    identity.key = main_sha256;
-  } else {
-    Sha256 hash;
-    hash.update(identity.index);
-    identity.key = hash.hex();
-  }
+  identity.key = side.empty() ? main_sha256 : proto::sha256_hex(identity.index);
   return identity;
 }
 
@@ -92,7 +86,7 @@ proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
   for (std::size_t i = 0; i < upload.side.size(); ++i)
     if (auto ok = rename_path(upload.side[i].path, upload.folder() / side_name(i)); !ok)
       return proto::Unexpected(ok.error());
-  if (auto ok = write_file_atomically(upload.folder() / "index", identity.index); !ok)
+  if (auto ok = proto::write_bytes(upload.folder() / "index", identity.index); !ok)
     return proto::Unexpected(ok.error());
 
   std::error_code error;
@@ -100,9 +94,9 @@ proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
   const bool lost_race = error == std::errc::directory_not_empty || error == std::errc::file_exists;
   if (error && !lost_race) {
     errno = error.value();
-    return storage_error("rename", upload.folder());
+    return proto::storage_error("rename", upload.folder());
   }
-  if (auto ok = sync_folder(data_.scenes()); !ok) return proto::Unexpected(ok.error());
+  if (auto ok = proto::sync_folder(data_.scenes()); !ok) return proto::Unexpected(ok.error());
   auto stored = find(identity.key);
   if (!stored) return proto::Unexpected(stored.error());
   return Put{std::move(*stored), !lost_race};
@@ -112,11 +106,11 @@ proto::Expected<StoredScene> SceneStore::find(const std::string& key) const {
   const auto missing = [&] {
     return proto::fail("not_found", "There is no scene sha256:" + key + ".");
   };
-  if (!is_sha256(key)) return missing();
+  if (!proto::is_sha256(key)) return missing();
   const fs::path folder = data_.scenes() / key;
   std::error_code error;
   if (!fs::exists(folder / "index", error)) return missing();
-  auto index = read_file(folder / "index", kMaxIndexBytes);
+  auto index = proto::read_file(folder / "index", kMaxIndexBytes);
   if (!index) return proto::Unexpected(index.error());
 
   StoredScene scene;

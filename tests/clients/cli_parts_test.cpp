@@ -4,23 +4,23 @@
 #include "server/cli/report.h"
 #include "server/cli/settings_input.h"
 #include "server/cli/side_files.h"
-#include "temp_dir.h"
+#include "support/temp_files.h"
 
 namespace kiln::cli {
 namespace {
 
 TEST(SideFiles, OnlyWhatTheSceneNamesInItsFolder) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   dir.write("outside.bin", "x");
   dir.write("s/room.bin", "x");
   dir.write("s/tex/wood grain.png", "x");
   dir.write("s/unnamed.png", "x");
-  std::filesystem::create_symlink(dir.path / "outside.bin", dir.path / "s/link.bin");
+  std::filesystem::create_symlink(dir.path() / "outside.bin", dir.path() / "s/link.bin");
   const auto scene = dir.write("s/room.gltf", R"({
     "buffers": [{"uri": "room.bin"}, {"uri": "data:,x"}, {"uri": "../outside.bin"},
                 {"uri": "link.bin"}, {"uri": "%2e%2e/outside.bin"}, {}, {"uri": 3}, 7],
     "images": [{"uri": "tex/wood%20grain.png"}, {"uri": "missing.png"}, {"uri": "http://x/y"},
-               {"uri": ")" + (dir.path / "outside.bin").string() +
+               {"uri": ")" + (dir.path() / "outside.bin").string() +
                                                   R"("}, {"uri": "%zz"},
                {"uri": "."}, {"uri": ""}, {"uri": "./room.bin"}]})");
   const auto found = find_side_files(scene);
@@ -30,8 +30,8 @@ TEST(SideFiles, OnlyWhatTheSceneNamesInItsFolder) {
 }
 
 TEST(SideFiles, ScenesThatCannotBeReadNameNothing) {
-  const test::TempDir dir;
-  EXPECT_TRUE(find_side_files(dir.path / "none.gltf").empty());
+  const test::TempFolder dir;
+  EXPECT_TRUE(find_side_files(dir.path() / "none.gltf").empty());
   for (const char* text : {"", "{", "[]", R"({"buffers": {}})", "glTF", "glTF\2\0\0\0"})
     EXPECT_TRUE(find_side_files(dir.write("a.gltf", text)).empty());
   // A .glb whose chunk claims more than the file holds.
@@ -42,7 +42,7 @@ TEST(SideFiles, ScenesThatCannotBeReadNameNothing) {
 }
 
 TEST(SideFiles, BinaryScenesMayNameFilesToo) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   dir.write("b.bin", "x");
   const std::string json = R"({"buffers": [{"uri": "b.bin"}]})";
   std::string glb("glTF\2\0\0\0", 8);
@@ -55,7 +55,7 @@ TEST(SideFiles, BinaryScenesMayNameFilesToo) {
 }
 
 TEST(SideFiles, TheUsersFilesWin) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   dir.write("tex/a.png", "old");
   const auto mine = dir.write("mine/a.png", "new");
   const auto scene = dir.write("s.gltf", R"({"images": [{"uri": "tex/a.png"}]})");
@@ -64,11 +64,11 @@ TEST(SideFiles, TheUsersFilesWin) {
   ASSERT_EQ(files->size(), 1u);
   EXPECT_EQ(files->at("a.png"), mine);
   EXPECT_EQ(all_side_files(scene, {"/nonexistent"}).error().code, "missing_file");
-  EXPECT_FALSE(all_side_files(scene, {mine.string(), (dir.path / "tex/a.png").string()}));
+  EXPECT_FALSE(all_side_files(scene, {mine.string(), (dir.path() / "tex/a.png").string()}));
 }
 
 TEST(SettingsInput, FlagsOverTheFile) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   SettingsInput input;
   EXPECT_EQ(*input.document(), "");
   input.file = dir.write("s.json", R"({"solver": {"samples": 5, "seed": 2}})").string();
@@ -80,7 +80,7 @@ TEST(SettingsInput, FlagsOverTheFile) {
   EXPECT_EQ(settings->output.formats, std::vector<std::string>{"exr"});
   input.sets.push_back("solver.samples=0");
   EXPECT_EQ(input.document().error().details.at(0).pointer, "/solver/samples");
-  input.file = (dir.path / "none").string();
+  input.file = (dir.path() / "none").string();
   EXPECT_EQ(input.document().error().code, "missing_file");
   input.file = dir.write("bad.json", "{,}").string();
   EXPECT_EQ(input.document().error().code, "invalid_json");
@@ -107,8 +107,8 @@ TEST(Report, SaysWhatWhereAndWhatToDo) {
 }
 
 TEST(Progress, LinesOncePerStep) {
-  const test::TempDir dir;
-  std::FILE* out = std::fopen((dir.path / "log").c_str(), "w");
+  const test::TempFolder dir;
+  std::FILE* out = std::fopen((dir.path() / "log").c_str(), "w");
   ASSERT_NE(out, nullptr);
   {
     ProgressView view(ProgressView::Style::kLines, out);
@@ -116,7 +116,7 @@ TEST(Progress, LinesOncePerStep) {
     view.note("careful");
   }
   std::fclose(out);
-  const std::string text = test::read_file(dir.path / "log");
+  const std::string text = test::read_bytes(dir.path() / "log");
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 12);
   EXPECT_EQ(text.find('\x1b'), std::string::npos);
   EXPECT_NE(text.find("100 %  solve, pass 1 of at most 3"), std::string::npos);

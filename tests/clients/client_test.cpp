@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "proto/json.h"
-#include "temp_dir.h"
+#include "support/temp_files.h"
 
 namespace kiln::clients {
 namespace {
@@ -52,7 +52,7 @@ std::string job_path(const std::string& below = "") {
 }
 
 TEST(Client, SubmitSendsEveryPartAsItIs) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   const std::string bytes = std::string(700'000, 'x') + std::string("\r\n--\0", 5);
   FakeService service;
   httplib::MultipartFormDataMap parts;
@@ -177,30 +177,30 @@ struct ResultsService : FakeService {
 };
 
 TEST(Client, DownloadsAreVerified) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   ResultsService service;
   Client client(service.url());
   const auto files = client.results(kId);
   ASSERT_TRUE(files) << files.error().message;
   ASSERT_EQ(files->size(), 2u);
   EXPECT_EQ(files->back().name, "manifest.json");
-  ASSERT_TRUE(client.download(kId, files->front(), dir.path));
-  EXPECT_EQ(test::read_file(dir.path / "page_00.exr"), "abc");
+  ASSERT_TRUE(client.download(kId, files->front(), dir.path()));
+  EXPECT_EQ(test::read_bytes(dir.path() / "page_00.exr"), "abc");
 
   service.body = "abd";  // A right file is kept without asking; a wrong one never appears.
-  EXPECT_TRUE(client.download(kId, files->front(), dir.path));
-  std::filesystem::remove(dir.path / "page_00.exr");
-  EXPECT_EQ(client.download(kId, files->front(), dir.path).error().code, "digest_mismatch");
-  EXPECT_TRUE(std::filesystem::is_empty(dir.path));
+  EXPECT_TRUE(client.download(kId, files->front(), dir.path()));
+  std::filesystem::remove(dir.path() / "page_00.exr");
+  EXPECT_EQ(client.download(kId, files->front(), dir.path()).error().code, "digest_mismatch");
+  EXPECT_TRUE(std::filesystem::is_empty(dir.path()));
 }
 
 TEST(Client, ResultNamesThatLeaveTheFolderAreRefused) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   ResultsService service;
   service.name = "../evil";
   Client client(service.url());
   EXPECT_EQ(client.results(kId).error().code, "bad_document");
-  EXPECT_EQ(client.download(kId, {"../evil", "", 0, ""}, dir.path).error().code, "bad_request");
+  EXPECT_EQ(client.download(kId, {"../evil", "", 0, ""}, dir.path()).error().code, "bad_request");
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 
 #include <set>
 
-#include "temp_dir.h"
+#include "support/temp_files.h"
 
 namespace kiln::cli {
 namespace {
@@ -36,7 +36,7 @@ TEST(Config, Defaults) {
 }
 
 TEST(Config, FlagsBeatVariablesBeatTheFile) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   auto s = sources(dir.write("lightkiln.toml",
                              "port = 1000\nthreads = 3\nlog_level = 'warn'\n"
                              "max_upload_bytes = 2048\ndata = '/srv/x'\n"));
@@ -53,11 +53,11 @@ TEST(Config, FlagsBeatVariablesBeatTheFile) {
   EXPECT_EQ(loaded->config.log_format, server::LogFormat::kJson);
   EXPECT_EQ(loaded->origin.at("port"), "flag");
   EXPECT_EQ(loaded->origin.at("threads"), "LIGHTKILN_THREADS");
-  EXPECT_EQ(loaded->origin.at("log_level"), (dir.path / "lightkiln.toml").string());
+  EXPECT_EQ(loaded->origin.at("log_level"), (dir.path() / "lightkiln.toml").string());
 }
 
 TEST(Config, UnknownNamesAreErrorsEverywhereAndAllAtOnce) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   const auto file = dir.write("c.toml", "prot = 1\n[section]\nx = 1\n");
   auto s = sources(file);
   s.environment["LIGHTKILN_PROT"] = "1";
@@ -107,9 +107,9 @@ TEST(Config, ByteCounts) {
 }
 
 TEST(Config, FilesThatCannotBeRead) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   auto s = sources();
-  s.file = dir.path / "none.toml";
+  s.file = dir.path() / "none.toml";
   EXPECT_EQ(load_config(s).error().code, "missing_file");
   s.file = dir.write("bad.toml", "port = = 3\n");
   EXPECT_EQ(load_config(s).error().code, "invalid_config");
@@ -123,7 +123,7 @@ TEST(Config, FilesThatCannotBeRead) {
 }
 
 TEST(Config, WhatIsPrintedIsReadBack) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   auto s = sources();
   s.flags = {{"data", "/odd \"folder\"\\x"}, {"port", "81"}, {"max_upload_bytes", "1GiB"}};
   const auto first = load_config(s);

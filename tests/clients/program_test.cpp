@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
-#include "temp_dir.h"
+#include "support/temp_files.h"
 
 /// The built program, as a user meets it.
 namespace kiln {
@@ -17,17 +17,17 @@ struct Outcome {
 
 class Program : public testing::Test {
  protected:
-  test::TempDir dir;
+  test::TempFolder dir;
 
   /// Runs in the test's own folder, by the shell.
   Outcome run(const std::string& arguments, const std::string& variables = "") const {
-    const std::string at = "'" + dir.path.string() + "'";
+    const std::string at = "'" + dir.path().string() + "'";
     const int status =
         std::system(("cd " + at + " && env -u LIGHTKILN_SERVER HOME=" + at + " " + variables +
                      " '" LIGHTKILN_BINARY "' " + arguments + " >out.txt 2>err.txt </dev/null")
                         .c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, test::read_file(dir.path / "out.txt"),
-            test::read_file(dir.path / "err.txt")};
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, test::read_bytes(dir.path() / "out.txt"),
+            test::read_bytes(dir.path() / "err.txt")};
   }
 };
 
@@ -58,7 +58,7 @@ TEST_F(Program, WrongSettingsNameTheirPlace) {
   EXPECT_EQ(result.code, 2);
   EXPECT_NE(result.err.find("/solver/bouncs"), std::string::npos);
   EXPECT_NE(result.err.find("/solver/samples"), std::string::npos);
-  EXPECT_FALSE(std::filesystem::exists(dir.path / "out"));
+  EXPECT_FALSE(std::filesystem::exists(dir.path() / "out"));
 }
 
 TEST_F(Program, AServiceThatIsNotThereIsOne) {
@@ -89,7 +89,7 @@ TEST_F(Program, BakesAndCompares) {
   ASSERT_EQ(second.code, 0) << second.err;
   EXPECT_EQ(second.out + second.err, "");
   for (const char* name : {"page_00.exr", "page_00.png", "lit.glb", "manifest.json"})
-    EXPECT_TRUE(std::filesystem::exists(dir.path / "a" / name)) << name;
+    EXPECT_TRUE(std::filesystem::exists(dir.path() / "a" / name)) << name;
   EXPECT_EQ(run("compare a/page_00.exr a/page_00.exr --fail-above 0").code, 0);
   const auto other = run("compare a/page_00.exr b/page_00.exr --json --fail-above 1e-9");
   EXPECT_EQ(other.code, 1);  // Another seed gives other noise.

@@ -2,9 +2,8 @@
 
 #include "clients/multipart_body.h"
 #include "clients/server_url.h"
-#include "clients/sha256.h"
 #include "clients/verified_file.h"
-#include "temp_dir.h"
+#include "support/temp_files.h"
 
 namespace kiln::clients {
 namespace {
@@ -26,7 +25,7 @@ std::string read_all(MultipartBody& body, std::uint64_t step) {
 }
 
 TEST(MultipartBody, BytesAreTheSameInStepsOfEverySize) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   MultipartBody body("B");
   body.add_text("settings", "application/json", "{}");
   ASSERT_TRUE(body.add_file("scene", "a\"\r\nb.glb", dir.write("a", "12345")));
@@ -46,7 +45,7 @@ TEST(MultipartBody, BytesAreTheSameInStepsOfEverySize) {
 }
 
 TEST(MultipartBody, LargeFilesComeInBoundedPieces) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   const std::string bytes(1'000'000, 'x');
   MultipartBody body("B");
   ASSERT_TRUE(body.add_file("scene", "a", dir.write("a", bytes)));
@@ -62,7 +61,7 @@ TEST(MultipartBody, LargeFilesComeInBoundedPieces) {
 }
 
 TEST(MultipartBody, AFileThatShrinksIsNoticed) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   MultipartBody body("B");
   const auto file = dir.write("a", std::string(1000, 'x'));
   ASSERT_TRUE(body.add_file("scene", "a", file));
@@ -79,25 +78,15 @@ TEST(MultipartBody, AFileThatShrinksIsNoticed) {
 }
 
 TEST(MultipartBody, MissingFilesAndFolders) {
-  const test::TempDir dir;
+  const test::TempFolder dir;
   MultipartBody body("B");
-  EXPECT_EQ(body.add_file("scene", "a", dir.path / "none").error().code, "missing_file");
-  EXPECT_EQ(body.add_file("scene", "a", dir.path).error().code, "missing_file");
-}
-
-TEST(Sha256, KnownDigests) {
-  Sha256 hash;
-  hash.update("a");
-  hash.update("bc");
-  EXPECT_EQ(hash.hex(), kAbc);
-  const test::TempDir dir;
-  EXPECT_EQ(*sha256_of_file(dir.write("abc", "abc")), kAbc);
-  EXPECT_EQ(sha256_of_file(dir.path / "none").error().code, "io_error");
+  EXPECT_EQ(body.add_file("scene", "a", dir.path() / "none").error().code, "missing_file");
+  EXPECT_EQ(body.add_file("scene", "a", dir.path()).error().code, "missing_file");
 }
 
 TEST(VerifiedFile, AppearsOnlyWhole) {
-  const test::TempDir dir;
-  const auto target = dir.path / "page_00.exr";
+  const test::TempFolder dir;
+  const auto target = dir.path() / "page_00.exr";
   {
     VerifiedFile file(target);
     ASSERT_TRUE(file.open());
@@ -107,21 +96,21 @@ TEST(VerifiedFile, AppearsOnlyWhole) {
     EXPECT_FALSE(std::filesystem::exists(target));
     ASSERT_TRUE(file.commit(kAbc));
   }
-  EXPECT_EQ(test::read_file(target), "abc");
+  EXPECT_EQ(test::read_bytes(target), "abc");
   {
     VerifiedFile file(target);
     ASSERT_TRUE(file.open());
     file.write("abd");
     EXPECT_EQ(file.commit(kAbc).error().code, "digest_mismatch");
   }
-  EXPECT_EQ(test::read_file(target), "abc");  // The old one is still there, nothing else is.
-  const std::filesystem::directory_iterator entries(dir.path);
+  EXPECT_EQ(test::read_bytes(target), "abc");  // The old one is still there, nothing else is.
+  const std::filesystem::directory_iterator entries(dir.path());
   EXPECT_EQ(std::distance(begin(entries), end(entries)), 1);
 }
 
 TEST(VerifiedFile, SaysWhenItCannotWrite) {
-  const test::TempDir dir;
-  VerifiedFile file(dir.path / "none" / "x");
+  const test::TempFolder dir;
+  VerifiedFile file(dir.path() / "none" / "x");
   EXPECT_EQ(file.open().error().code, "io_error");
 }
 

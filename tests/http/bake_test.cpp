@@ -15,7 +15,7 @@ namespace {
 
 class Bakes : public testing::Test {
  protected:
-  TemporaryFolder folder;
+  test::TempFolder folder;
   Program program{folder.path() / "data"};
 
   std::string job_url(const std::string& id, const std::string& rest = "") const {
@@ -38,9 +38,7 @@ TEST_F(Bakes, ASceneWithoutSettingsBecomesVerifiedFiles) {
     EXPECT_EQ(got.status, 200) << name;
     EXPECT_EQ(got.headers.at("content-type"), file["media_type"]) << name;
     EXPECT_EQ(got.body.size(), file["bytes"].get<std::size_t>()) << name;
-    Sha256 hash;
-    hash.update(got.body);
-    const std::string digest = hash.hex();
+    const std::string digest = proto::sha256_hex(got.body);
     EXPECT_EQ(file["sha256"], digest) << name;
     EXPECT_EQ(got.headers.at("etag"), "\"" + digest + "\"") << name;
   }
@@ -73,7 +71,7 @@ TEST_F(Bakes, ADownloadIsResumedByRange) {
   const std::string part = (folder.path() / "part").string();
   std::ofstream(part, std::ios::binary) << whole.body.substr(0, 700);
   EXPECT_EQ(std::system(("curl -s -C - -o " + part + " " + url).c_str()), 0);
-  EXPECT_EQ(digest_file(part)->sha256, whole.headers.at("etag").substr(1, 64));
+  EXPECT_EQ(proto::digest_file(part)->sha256, whole.headers.at("etag").substr(1, 64));
 }
 
 TEST_F(Bakes, OurClientSubmitsFollowsAndFetches) {
@@ -96,7 +94,7 @@ TEST_F(Bakes, OurClientSubmitsFollowsAndFetches) {
   ASSERT_TRUE(files);
   for (const auto& file : *files)
     EXPECT_TRUE(client.download(job->id, file, folder.path())) << file.name;
-  EXPECT_EQ(digest_file(folder.path() / "lit.glb")->sha256,
+  EXPECT_EQ(proto::digest_file(folder.path() / "lit.glb")->sha256,
             std::find_if(files->begin(), files->end(), [](const auto& f) {
               return f.name == "lit.glb";
             })->sha256);

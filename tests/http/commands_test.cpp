@@ -18,7 +18,7 @@ struct Outcome {
 
 class Commands : public testing::Test {
  protected:
-  TemporaryFolder folder;
+  test::TempFolder folder;
   Program program{folder.path() / "data"};
   const std::string scene = write_small_scene(folder.path()).string();
 
@@ -33,7 +33,7 @@ class Commands : public testing::Test {
     return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, std::move(text)};
   }
   std::string digest(const std::string& path) const {
-    return digest_file(folder.path() / path).value().sha256;
+    return proto::digest_file(folder.path() / path).value().sha256;
   }
 };
 

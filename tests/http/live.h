@@ -8,14 +8,14 @@
 #include <vector>
 
 #include "server/fake_bake.h"
-#include "server/folder.h"
 #include "server/service.h"
+#include "support/temp_files.h"
 
 namespace kiln::server {
 
 /// A service in this process, on free ports and a folder of its own.
 struct Live {
-  TemporaryFolder folder;
+  test::TempFolder folder;
   std::unique_ptr<Service> service;
 
   explicit Live(BakeFunction bake, ServerConfig config = {}, EdgeLimits limits = {},

@@ -124,7 +124,7 @@ std::uint64_t Program::anonymous_bytes() const {
 }
 
 Answer curl(const std::string& arguments) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   const std::string at = folder.path().string();
   const std::string command = "curl --silent --show-error --max-time 120 -o " + at + "/body -D " +
                               at + "/head " + arguments + " 2>" + at + "/error </dev/null";

@@ -15,7 +15,7 @@ constexpr const char* kShortBake =
 
 class Signals : public testing::Test {
  protected:
-  TemporaryFolder folder;
+  test::TempFolder folder;
   const std::filesystem::path data = folder.path() / "data";
   const std::filesystem::path scene = write_scene(folder.path(), "cornell");
 

@@ -18,7 +18,7 @@ std::vector<std::uint64_t> range(std::uint64_t first, std::uint64_t last) {
 }
 
 TEST(Streams, AHundredLeaveRoomForShortRequests) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   Program program(folder.path() / "data", {"--http-threads", "4"});
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
   std::vector<std::unique_ptr<EventStream>> streams;

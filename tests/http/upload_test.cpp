@@ -71,7 +71,7 @@ class MemoryWatch {
 
 TEST(Uploads, HalfAGigabyteTakesNoMemory) {
   constexpr std::uint64_t kBytes = 500'000'000, kAllowed = 64ull << 20;
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   Program program(folder.path() / "data");
   const auto scene = write_large_scene(folder.path(), kBytes);
   ask(program.port(), "GET", "/v1/jobs");  // what the first request takes is not the upload's
@@ -91,7 +91,7 @@ TEST(Uploads, HalfAGigabyteTakesNoMemory) {
 }
 
 TEST(Uploads, WhatIsTooLargeIsRefusedBeforeItIsSent) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   Program program(folder.path() / "data", {"--max-upload-bytes", "1MiB"});
   const auto scene = write_large_scene(folder.path(), 100'000'000);
   const std::string known = "-F scene=@" + scene.string() + " " + program.url("/v1/jobs");

@@ -7,15 +7,14 @@
 #include <limits>
 #include <thread>
 
-#include "baker/output/files.h"
 #include "baker/output/output.h"
-#include "output/folder.h"
+#include "support/temp_files.h"
 
 namespace kiln::baker {
 namespace {
 
-using test::Folder;
-using test::slurp;
+using test::read_bytes;
+using test::TempFolder;
 
 PageImage gradient(std::uint32_t width, std::uint32_t height) {
   PageImage image{width, height, {}, {}};
@@ -29,12 +28,12 @@ PageImage gradient(std::uint32_t width, std::uint32_t height) {
 const std::vector<std::pair<std::string, std::string>> kMetadata{{"lightkiln:units", "lux"}};
 
 TEST(Exr, RoundTripIsExact) {
-  const Folder folder;
+  const TempFolder folder;
   const PageImage image = gradient(130, 70);  // tiles of 64 are cut at both edges
   for (const auto precision : {proto::Precision::kHalf, proto::Precision::kFloat}) {
     const ExrLayer layer{"irradiance", &image};
-    ASSERT_TRUE(write_exr(folder.path / "a.exr", {&layer, 1}, precision, kMetadata));
-    const auto back = read_exr(folder.path / "a.exr");
+    ASSERT_TRUE(write_exr(folder.path() / "a.exr", {&layer, 1}, precision, kMetadata));
+    const auto back = read_exr(folder.path() / "a.exr");
     ASSERT_TRUE(back) << back.error().message;
     ASSERT_EQ(back->width, 130u);
     ASSERT_EQ(back->height, 70u);
@@ -45,33 +44,33 @@ TEST(Exr, RoundTripIsExact) {
 }
 
 TEST(Exr, FloatKeepsWhatHalfRounds) {
-  const Folder folder;
+  const TempFolder folder;
   PageImage image{1, 1, {{0.1f, 70000, 1e-20f}}, {1}};
   const ExrLayer layer{"irradiance", &image};
-  ASSERT_TRUE(write_exr(folder.path / "a.exr", {&layer, 1}, proto::Precision::kFloat, {}));
-  EXPECT_EQ(read_exr(folder.path / "a.exr")->rgb, image.rgb);
+  ASSERT_TRUE(write_exr(folder.path() / "a.exr", {&layer, 1}, proto::Precision::kFloat, {}));
+  EXPECT_EQ(read_exr(folder.path() / "a.exr")->rgb, image.rgb);
 }
 
 TEST(Exr, SameBytesASecondLater) {
-  const Folder folder;
+  const TempFolder folder;
   const PageImage image = gradient(100, 100), other = gradient(100, 100);
   const std::vector<ExrLayer> layers{{"irradiance", &image}, {"direct", &other}};
-  ASSERT_TRUE(write_exr(folder.path / "a.exr", layers, proto::Precision::kHalf, kMetadata));
+  ASSERT_TRUE(write_exr(folder.path() / "a.exr", layers, proto::Precision::kHalf, kMetadata));
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
-  ASSERT_TRUE(write_exr(folder.path / "b.exr", layers, proto::Precision::kHalf, kMetadata));
-  const std::string a = slurp(folder.path / "a.exr");
-  EXPECT_EQ(a, slurp(folder.path / "b.exr"));
+  ASSERT_TRUE(write_exr(folder.path() / "b.exr", layers, proto::Precision::kHalf, kMetadata));
+  const std::string a = read_bytes(folder.path() / "a.exr");
+  EXPECT_EQ(a, read_bytes(folder.path() / "b.exr"));
   EXPECT_NE(a.find("lightkiln:units"), std::string::npos);
   EXPECT_NE(a.find("direct.R"), std::string::npos);
   EXPECT_EQ(a.find("capDate"), std::string::npos);
 }
 
 TEST(Exr, RefusesWhatThePrecisionCannotHold) {
-  const Folder folder;
+  const TempFolder folder;
   const auto error_of = [&](float value, proto::Precision precision) {
     PageImage image{2, 2, {{}, {}, {}, {0, value, 0}}, {1, 1, 1, 1}};
     const ExrLayer layer{"irradiance", &image};
-    const auto ok = write_exr(folder.path / "a.exr", {&layer, 1}, precision, {});
+    const auto ok = write_exr(folder.path() / "a.exr", {&layer, 1}, precision, {});
     return ok ? "" : ok.error().code + ": " + ok.error().message;
   };
   const float inf = std::numeric_limits<float>::infinity();
@@ -86,11 +85,11 @@ TEST(Exr, RefusesWhatThePrecisionCannotHold) {
 }
 
 TEST(Exr, AMissingFolderIsAnIoError) {
-  const Folder folder;
+  const TempFolder folder;
   const PageImage image = gradient(4, 4);
   const ExrLayer layer{"irradiance", &image};
   const auto ok =
-      write_exr(folder.path / "none" / "a.exr", {&layer, 1}, proto::Precision::kHalf, {});
+      write_exr(folder.path() / "none" / "a.exr", {&layer, 1}, proto::Precision::kHalf, {});
   ASSERT_FALSE(ok);
   EXPECT_EQ(ok.error().code, "io_error");
 }
@@ -101,32 +100,32 @@ std::string read_error(const std::filesystem::path& path) {
 }
 
 TEST(Exr, EveryTruncationIsAnError) {
-  const Folder folder;
+  const TempFolder folder;
   const PageImage image = gradient(70, 66);
   const ExrLayer layer{"irradiance", &image};
-  ASSERT_TRUE(write_exr(folder.path / "a.exr", {&layer, 1}, proto::Precision::kHalf, kMetadata));
-  const std::string whole = slurp(folder.path / "a.exr");
+  ASSERT_TRUE(write_exr(folder.path() / "a.exr", {&layer, 1}, proto::Precision::kHalf, kMetadata));
+  const std::string whole = read_bytes(folder.path() / "a.exr");
   for (std::size_t size = 0; size < whole.size(); size += 1 + size / 16) {
-    std::ofstream(folder.path / "cut.exr", std::ios::binary) << whole.substr(0, size);
-    EXPECT_EQ(read_error(folder.path / "cut.exr"), "invalid_image") << size;
+    std::ofstream(folder.path() / "cut.exr", std::ios::binary) << whole.substr(0, size);
+    EXPECT_EQ(read_error(folder.path() / "cut.exr"), "invalid_image") << size;
   }
-  EXPECT_EQ(read_error(folder.path / "none.exr"), "invalid_image");
+  EXPECT_EQ(read_error(folder.path() / "none.exr"), "invalid_image");
 }
 
 TEST(Exr, AHugeSizeIsRefusedBeforeMemoryIsTaken) {
-  const Folder folder;
+  const TempFolder folder;
   const PageImage image = gradient(16, 16);
   const ExrLayer layer{"irradiance", &image};
-  ASSERT_TRUE(write_exr(folder.path / "a.exr", {&layer, 1}, proto::Precision::kHalf, {}));
-  std::string bytes = slurp(folder.path / "a.exr");
+  ASSERT_TRUE(write_exr(folder.path() / "a.exr", {&layer, 1}, proto::Precision::kHalf, {}));
+  std::string bytes = read_bytes(folder.path() / "a.exr");
   const std::size_t window = bytes.find("dataWindow");
   ASSERT_NE(window, std::string::npos);
   const std::size_t max_x = window + sizeof("dataWindow") + sizeof("box2i") + 4 + 8;
   for (const char* side : {"\xFF\xFF\x01\x00", "\xFE\xFF\xFF\x7F", "\x00\x00\x00\x80"}) {
     bytes.replace(max_x, 4, side, 4);
     bytes.replace(max_x + 4, 4, side, 4);
-    std::ofstream(folder.path / "big.exr", std::ios::binary) << bytes;
-    EXPECT_EQ(read_error(folder.path / "big.exr"), "invalid_image");
+    std::ofstream(folder.path() / "big.exr", std::ios::binary) << bytes;
+    EXPECT_EQ(read_error(folder.path() / "big.exr"), "invalid_image");
   }
 }
 
@@ -139,28 +138,6 @@ TEST(Png, HoldsItsPixelsAndNoDate) {
   for (const char* chunk : {"tIME", "gAMA", "sRGB", "iCCP", "tEXt"})
     EXPECT_EQ(png->find(chunk), std::string::npos) << chunk;
   EXPECT_EQ(*encode_png(pixels, 20, 10), *png);
-}
-
-TEST(Files, AFailedWriteLeavesNothing) {
-  const Folder folder;
-  const auto ok = write_whole(folder.path / "a.bin", [](const std::filesystem::path& temporary) {
-    std::ofstream(temporary) << "half";
-    return proto::Expected<void>(proto::fail("io_error", "disk full"));
-  });
-  ASSERT_FALSE(ok);
-  EXPECT_EQ(ok.error().message, "disk full");
-  EXPECT_TRUE(std::filesystem::is_empty(folder.path));
-}
-
-TEST(Files, DescribesByHash) {
-  const Folder folder;
-  ASSERT_TRUE(write_bytes(folder.path / "a.txt", "abc"));
-  const auto file = describe_file(folder.path / "a.txt", "text/plain");
-  ASSERT_TRUE(file);
-  EXPECT_EQ(file->name, "a.txt");
-  EXPECT_EQ(file->bytes, 3u);
-  EXPECT_EQ(file->sha256, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
-  EXPECT_EQ(describe_file(folder.path / "b.txt", "text/plain").error().code, "io_error");
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "output/folder.h"
+#include "support/temp_files.h"
 
 namespace kiln::test {
 
@@ -90,7 +90,7 @@ struct GlbReader {
   std::string bin;
 
   explicit GlbReader(const std::filesystem::path& path) {
-    const std::string bytes = slurp(path);
+    const std::string bytes = read_bytes(path);
     const auto u32 = [&](std::size_t at) {
       std::uint32_t n = 0;
       std::memcpy(&n, bytes.data() + at, 4);

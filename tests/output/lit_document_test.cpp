@@ -53,7 +53,7 @@ std::string small_png() {
 }
 
 TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
-  const Folder folder;
+  const TempFolder folder;
   const GlbReader lit = light(folder, triangle(), Layout::kWhole);
   EXPECT_EQ(lit.json["extensionsUsed"], Json({"MX_lightmap", "MOZ_lightmap"}));
   EXPECT_FALSE(lit.json.contains("extensionsRequired"));
@@ -70,7 +70,7 @@ TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
 }
 
 TEST(LitDocument, EverythingElseIsKept) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = triangle();
   g.json["asset"]["generator"] = "by hand";
   g.json["asset"]["extras"] = {{"mine", {1, 2.5, "x"}}};
@@ -106,7 +106,7 @@ TEST(LitDocument, EverythingElseIsKept) {
 }
 
 TEST(LitDocument, OneVariantOfAMaterialForEachPage) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = triangle();
   g.node({{"mesh", 0}});
   g.node({{"mesh", 0}});
@@ -126,7 +126,7 @@ TEST(LitDocument, OneVariantOfAMaterialForEachPage) {
 }
 
 TEST(LitDocument, ATextureOnTexcoord1MovesToAFreeSet) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = triangle();
   g.add("images", {{"mimeType", "image/png"}, {"bufferView", 0}});
   const std::string png = small_png();
@@ -157,7 +157,7 @@ TEST(LitDocument, ATextureOnTexcoord1MovesToAFreeSet) {
 }
 
 TEST(LitDocument, VariantsOfAPrimitiveAreLitToo) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = triangle();
   g.add("materials", {{"name", "night"}});
   g.json["extensionsUsed"] = {"KHR_materials_variants"};
@@ -202,26 +202,26 @@ void expect_self_contained(const GlbReader& lit, const GltfFile& g, const std::s
 }
 
 TEST(LitDocument, DataUrisAreEmbedded) {
-  const Folder folder;
+  const TempFolder folder;
   const GltfFile g = triangle();
   const std::string png = small_png();
-  std::ofstream(folder.path / "scene.gltf")
+  std::ofstream(folder.path() / "scene.gltf")
       << two_buffers(g, "ABCDEF", png, [](const std::string& name, const std::string& bytes) {
            const char* type = name.ends_with("png") ? "image/png" : "application/octet-stream";
            return std::string("data:") + type + ";base64," + base64(bytes);
          });
-  const SceneFiles files{folder.path / "scene.gltf", {}};
+  const SceneFiles files{folder.path() / "scene.gltf", {}};
   expect_self_contained(light(folder, files, Layout::kWhole), g, png);
 }
 
 TEST(LitDocument, SideFilesAreEmbedded) {
-  const Folder folder;
+  const TempFolder folder;
   const GltfFile g = triangle();
   const std::string png = small_png();
-  SceneFiles files{folder.path / "scene.gltf", {}};
+  SceneFiles files{folder.path() / "scene.gltf", {}};
   std::ofstream(files.main) << two_buffers(
       g, "ABCDEF", png, [&](const std::string& name, const std::string& bytes) {
-        const auto path = folder.path / ("part" + std::to_string(files.side.size()));
+        const auto path = folder.path() / ("part" + std::to_string(files.side.size()));
         std::ofstream(path, std::ios::binary) << bytes;
         files.side[name] = path;
         return name;
@@ -230,11 +230,11 @@ TEST(LitDocument, SideFilesAreEmbedded) {
 }
 
 TEST(LitDocument, SameBytesTwice) {
-  const Folder a, b;
+  const TempFolder a, b;
   const GltfFile g = triangle();
   light(a, g, Layout::kPerTriangle);
   light(b, g, Layout::kPerTriangle);
-  EXPECT_EQ(slurp(a.path / "lit.glb"), slurp(b.path / "lit.glb"));
+  EXPECT_EQ(read_bytes(a.path() / "lit.glb"), read_bytes(b.path() / "lit.glb"));
 }
 
 TEST(LitPage, WholeCodesAndTheMaximumAreExact) {

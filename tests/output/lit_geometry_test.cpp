@@ -46,7 +46,7 @@ std::vector<float> corner_positions(const GlbReader& lit, const Json& p) {
 const std::vector<float> kTwoTriangles{0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0};
 
 TEST(LitGeometry, WithoutSplitsTheSourceAccessorsStay) {
-  const Folder folder;
+  const TempFolder folder;
   const GltfFile g = square();
   const GlbReader lit = light(folder, g, Layout::kWhole);
   Json p = primitive(lit);
@@ -63,7 +63,7 @@ TEST(LitGeometry, WithoutSplitsTheSourceAccessorsStay) {
 }
 
 TEST(LitGeometry, SplitsRebuildEveryAttributeByType) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
   attributes["_ID"] = g.accessor<std::uint16_t>({7, 0, 8, 0, 9, 0, 10, 0}, 5123, "VEC2", 2);
@@ -93,7 +93,7 @@ TEST(LitGeometry, SplitsRebuildEveryAttributeByType) {
 }
 
 TEST(LitGeometry, UnusedSourceVerticesAndSparseValues) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   // Vertex 2 stands elsewhere by a sparse entry; vertex 1 is used by no triangle.
   auto& position = g.json["accessors"][0];
@@ -117,7 +117,7 @@ TEST(LitGeometry, UnusedSourceVerticesAndSparseValues) {
 }
 
 TEST(LitGeometry, SparseValuesSurviveASplit) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   auto& position = g.json["accessors"][0];
   const int index_view = g.view<std::uint16_t>({2});
@@ -136,7 +136,7 @@ TEST(LitGeometry, SparseValuesSurviveASplit) {
 }
 
 TEST(LitGeometry, UnindexedTrianglesKeepTheirVertices) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g;
   const int position = g.positions(kTwoTriangles);
   g.mesh({{"attributes", {{"POSITION", position}}}});
@@ -151,7 +151,7 @@ TEST(LitGeometry, UnindexedTrianglesKeepTheirVertices) {
 }
 
 TEST(LitGeometry, StripsStayStripsUntilTheySplit) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g;
   const int position = g.positions({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0});
   const int normal = g.floats({0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3", 3);
@@ -172,7 +172,7 @@ TEST(LitGeometry, StripsStayStripsUntilTheySplit) {
 }
 
 TEST(LitGeometry, AMirroredNodeKeepsTheSourceWinding) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   g.json["nodes"][0]["scale"] = {-1, 1, 1};
   const GlbReader lit = light(folder, g, Layout::kPerTriangle);
@@ -184,7 +184,7 @@ TEST(LitGeometry, AMirroredNodeKeepsTheSourceWinding) {
 }
 
 TEST(LitGeometry, MorphTargetsAndSkinsSplitWithTheirVertices) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   auto& p = g.json["meshes"][0]["primitives"][0];
   const int joints =
@@ -218,7 +218,7 @@ TEST(LitGeometry, MorphTargetsAndSkinsSplitWithTheirVertices) {
 }
 
 TEST(LitGeometry, AMeshOfTwoNodesIsClonedAndSharesWhatIsTheSame) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   g.json["meshes"][0]["name"] = "square";
   g.node({{"mesh", 0}, {"translation", {2, 0, 0}}});
@@ -235,7 +235,7 @@ TEST(LitGeometry, AMeshOfTwoNodesIsClonedAndSharesWhatIsTheSame) {
 }
 
 TEST(LitGeometry, ALightmapUvThatFitsIsLeftAlone) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
   attributes["TEXCOORD_1"] = g.floats({0, 0, 1, 0, 1, 1, 0, 1}, "VEC2", 2);
@@ -245,7 +245,7 @@ TEST(LitGeometry, ALightmapUvThatFitsIsLeftAlone) {
 }
 
 TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   g.add("materials", {{"name", "shared"}});
   auto& primitives = g.json["meshes"][0]["primitives"];
@@ -260,7 +260,7 @@ TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
 }
 
 TEST(LitGeometry, DracoIsDroppedFromLitPrimitives) {
-  const Folder folder;
+  const TempFolder folder;
   GltfFile g = square();
   g.json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
   g.json["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"] = {

@@ -33,19 +33,19 @@ std::vector<std::string> split(const std::string& line, char separator) {
   return out;
 }
 
-std::filesystem::path sample_folder(const Folder& temporary) {
+std::filesystem::path sample_folder(const TempFolder& temporary) {
   const char* kept = std::getenv("LIGHTKILN_LIT_SAMPLES");
-  if (!kept) return temporary.path;
+  if (!kept) return temporary.path();
   std::filesystem::create_directories(kept);
   return kept;
 }
 
 TEST(LitSamples, Generated) {
-  const Folder folder;
+  const TempFolder folder;
   const auto out = sample_folder(folder);
   for (const auto& generator : generators()) {
     const std::string name(generator.name);
-    const SceneFiles files{folder.path / (name + ".glb"), {}};
+    const SceneFiles files{folder.path() / (name + ".glb"), {}};
     std::ofstream(files.main, std::ios::binary) << generate_glb(name).value();
     write_sample(out, name + "_source_uv", files, proto::Unwrap::kAuto);
     write_sample(out, name + "_unwrapped", files, proto::Unwrap::kAlways);
@@ -54,7 +54,7 @@ TEST(LitSamples, Generated) {
 
 /// The real files that the validator finds no error in, up to a size that keeps this short.
 TEST(LitSamples, Corpus) {
-  const Folder folder;
+  const TempFolder folder;
   const auto out = sample_folder(folder);
   const std::filesystem::path corpus = std::filesystem::path(LIGHTKILN_SHARED_DIR) / "corpus";
   std::ifstream index(corpus / "index.tsv");

@@ -78,23 +78,23 @@ inline std::vector<LitPage> lit_pages(std::uint32_t pages) {
 }
 
 /// The scene of those files, laid out, lit and read back.
-inline GlbReader light(const Folder& folder, const SceneFiles& files, Layout layout,
+inline GlbReader light(const TempFolder& folder, const SceneFiles& files, Layout layout,
                        std::uint32_t pages = 1) {
   const auto scene = import_scene(files, dark());
   if (!scene) throw std::runtime_error("import: " + scene.error().message);
-  const auto path = folder.path / "lit.glb";
+  const auto path = folder.path() / "lit.glb";
   const auto written =
       write_lit_glb(path, files, *scene, lay_out(*scene, layout, pages), lit_pages(pages));
   if (!written) throw std::runtime_error("lit.glb: " + written.error().message);
   return GlbReader(path);
 }
 
-inline SceneFiles save(const Folder& folder, const GltfFile& gltf) {
-  std::ofstream(folder.path / "scene.glb", std::ios::binary) << gltf.glb();
-  return {folder.path / "scene.glb", {}};
+inline SceneFiles save(const TempFolder& folder, const GltfFile& gltf) {
+  std::ofstream(folder.path() / "scene.glb", std::ios::binary) << gltf.glb();
+  return {folder.path() / "scene.glb", {}};
 }
 
-inline GlbReader light(const Folder& folder, const GltfFile& gltf, Layout layout,
+inline GlbReader light(const TempFolder& folder, const GltfFile& gltf, Layout layout,
                        std::uint32_t pages = 1) {
   return light(folder, save(folder, gltf), layout, pages);
 }

@@ -1,9 +1,9 @@
 #include <cmath>
 #include <limits>
 
-#include "baker/output/files.h"
 #include "baker/scene/generate.h"
 #include "output/lit_scene.h"
+#include "proto/files.h"
 #include "proto/json.h"
 
 namespace kiln::test {
@@ -11,7 +11,7 @@ namespace {
 
 /// A Cornell box laid out and lit by hand: E = 100 + x of the texel's position, in lx.
 struct Baked {
-  Folder folder;
+  TempFolder folder;
   SceneFiles files;
   Scene scene;
   Atlas atlas;
@@ -21,7 +21,7 @@ struct Baked {
   proto::Manifest manifest;
 
   Baked() {
-    files.main = folder.path / "cornell.glb";
+    files.main = folder.path() / "cornell.glb";
     std::ofstream(files.main, std::ios::binary) << generate_glb("cornell").value();
     settings.atlas.page_size = 64;
     scene = import_scene(files, settings).value();
@@ -37,8 +37,8 @@ struct Baked {
     manifest.settings = settings;
   }
   std::filesystem::path out() const {
-    std::filesystem::create_directories(folder.path / "out");
-    return folder.path / "out";
+    std::filesystem::create_directories(folder.path() / "out");
+    return folder.path() / "out";
   }
   proto::Expected<void> write(std::stop_token stop = {}) {
     return write_outputs(out(), {files, scene, atlas, texels, light}, settings, manifest, stop);
@@ -52,7 +52,7 @@ TEST(WriteOutputs, EveryFileIsThereAndHashed) {
   std::vector<std::string> names;
   for (const auto& file : baked.manifest.files) {
     names.push_back(file.name);
-    const auto again = describe_file(baked.out() / file.name, "");
+    const auto again = proto::digest_file(baked.out() / file.name);
     ASSERT_TRUE(again);
     EXPECT_EQ(again->sha256, file.sha256);
     EXPECT_EQ(again->bytes, std::filesystem::file_size(baked.out() / file.name));
@@ -62,7 +62,7 @@ TEST(WriteOutputs, EveryFileIsThereAndHashed) {
   const std::filesystem::directory_iterator left(baked.out());
   EXPECT_EQ(std::distance(begin(left), end(left)), 4);  // no temporaries
 
-  const auto json = proto::parse_json(slurp(baked.out() / "manifest.json"), "request");
+  const auto json = proto::parse_json(read_bytes(baked.out() / "manifest.json"), "request");
   ASSERT_TRUE(json) << json.error().message;
   const auto manifest = proto::manifest_from_json(*json);
   ASSERT_TRUE(manifest) << manifest.error().message;
@@ -88,7 +88,7 @@ TEST(WriteOutputs, TheExrHoldsTheSumOfLightAtEachTexel) {
     EXPECT_EQ(image->rgb[i], baked.light.irradiance(std::uint32_t(texel)));
   }
   EXPECT_EQ(lit, baked.texels.front_count);
-  const std::string bytes = slurp(baked.out() / "page_00.exr");
+  const std::string bytes = read_bytes(baked.out() / "page_00.exr");
   for (const char* said : {"lightkiln:units", "lux", "lightkiln:seed", "gather", "1.2.3"})
     EXPECT_NE(bytes.find(said), std::string::npos) << said;
 }
@@ -98,7 +98,7 @@ TEST(WriteOutputs, SameBytesTwice) {
   ASSERT_TRUE(a.write());
   ASSERT_TRUE(b.write());
   for (const char* name : {"page_00.exr", "page_00.png", "lit.glb", "manifest.json"})
-    EXPECT_EQ(slurp(a.out() / name), slurp(b.out() / name)) << name;
+    EXPECT_EQ(read_bytes(a.out() / name), read_bytes(b.out() / name)) << name;
 }
 
 TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
@@ -108,7 +108,7 @@ TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
   ASSERT_TRUE(baked.write());
   ASSERT_EQ(baked.manifest.files.size(), 2u);
   EXPECT_EQ(baked.manifest.pages[0].preview, "");
-  EXPECT_NE(slurp(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
+  EXPECT_NE(read_bytes(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
 }
 
 TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
@@ -117,10 +117,10 @@ TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
   const float automatic = baked.manifest.pages[0].preview_exposure;
   EXPECT_GT(automatic, 0);
   baked.settings.output.exposure = automatic * 2;
-  const std::string before = slurp(baked.out() / "page_00.png");
+  const std::string before = read_bytes(baked.out() / "page_00.png");
   ASSERT_TRUE(baked.write());
   EXPECT_EQ(baked.manifest.pages[0].preview_exposure, automatic * 2);
-  EXPECT_NE(slurp(baked.out() / "page_00.png"), before);
+  EXPECT_NE(read_bytes(baked.out() / "page_00.png"), before);
 }
 
 TEST(WriteOutputs, APageBeyondHalfIsWrittenAsFloatWithAWarning) {

@@ -5,8 +5,8 @@
 #include <functional>
 #include <thread>
 
+#include "proto/files.h"
 #include "server/jobs/job_service.h"
-#include "server/storage/files.h"
 
 namespace kiln::server {
 
@@ -60,11 +60,11 @@ class FakeBake {
     }
     observer.on_stage("output");
     const std::string page(100'000, 'p');
-    if (auto ok = write_file_atomically(input.output_dir / "page_00.exr", page); !ok)
+    if (auto ok = proto::write_bytes(input.output_dir / "page_00.exr", page); !ok)
       return proto::Unexpected(ok.error());
-    if (auto ok = write_file_atomically(input.output_dir / "manifest.json", "{}"); !ok)
+    if (auto ok = proto::write_bytes(input.output_dir / "manifest.json", "{}"); !ok)
       return proto::Unexpected(ok.error());
-    const auto digest = digest_file(input.output_dir / "page_00.exr").value();
+    const auto digest = proto::digest_file(input.output_dir / "page_00.exr").value();
     proto::Manifest manifest;
     manifest.files.push_back({"page_00.exr", "image/x-exr", digest.bytes, digest.sha256});
     return manifest;

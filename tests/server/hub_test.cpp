@@ -14,13 +14,13 @@ using Clock = std::chrono::steady_clock;
 
 /// The client's end of a stream that a hub serves.
 struct Listener {
-  Fd near, far;
+  proto::Fd near, far;
 
   explicit Listener(int send_buffer = 0) {
     std::array<int, 2> ends{};
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()), 0);
-    near = Fd(ends[0]);
-    far = Fd(ends[1]);
+    near = proto::Fd(ends[0]);
+    far = proto::Fd(ends[1]);
     if (send_buffer > 0)
       ::setsockopt(near.get(), SOL_SOCKET, SO_SNDBUF, &send_buffer, sizeof send_buffer);
   }

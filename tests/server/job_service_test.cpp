@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "fake_bake.h"
-#include "folder.h"
+#include "support/temp_files.h"
 
 namespace kiln::server {
 namespace {
@@ -39,7 +39,7 @@ class JobServiceTest : public ::testing::Test {
 
   StoredScene scene() {
     auto upload = SceneUpload::create(process_->data);
-    auto file = HashingFile::create(upload->next_path());
+    auto file = proto::HashingFile::create(upload->next_path());
     EXPECT_TRUE(file->write("glTF"));
     const std::string hash = file->finish().value();
     upload->main = UploadedFile{"", file->path(), 4, hash};
@@ -62,7 +62,7 @@ class JobServiceTest : public ::testing::Test {
     for (std::size_t i = 0; i < events.size(); ++i) EXPECT_EQ(events[i].id, i + 1);
   }
 
-  TemporaryFolder folder_;
+  test::TempFolder folder_;
   FakeBake fake_;
   std::optional<Process> process_;
 };

@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
-#include "folder.h"
 #include "server/jobs/event_ring.h"
 #include "server/jobs/ids.h"
+#include "support/temp_files.h"
 
 namespace kiln::server {
 namespace {
@@ -23,7 +23,7 @@ proto::Job new_job() {
 }
 
 TEST(JobStore, KeepsEverythingOverAReopen) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   proto::Job job = new_job();
   {
     JobStore store(folder.path() / "jobs.db");
@@ -55,7 +55,7 @@ TEST(JobStore, KeepsEverythingOverAReopen) {
 }
 
 TEST(JobStore, ListsNewestFirstByPageAndState) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   JobStore store(folder.path() / "jobs.db");
   std::vector<std::string> ids;
   for (int i = 0; i < 5; ++i) {
@@ -76,7 +76,7 @@ TEST(JobStore, ListsNewestFirstByPageAndState) {
 }
 
 TEST(JobStore, ForgetsOldEventsOfLongJobs) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   JobStore store(folder.path() / "jobs.db");
   const proto::Job job = new_job();
   const StoredJob stored{job, store.insert(job, {1, "job.state", "{}"}), 0, 0};
@@ -90,7 +90,7 @@ TEST(JobStore, ForgetsOldEventsOfLongJobs) {
 }
 
 TEST(JobStore, RefusesAStoreOfALaterVersion) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   const auto path = folder.path() / "jobs.db";
   { const JobStore store(path); }
   sqlite3* db = nullptr;

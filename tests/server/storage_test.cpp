@@ -4,10 +4,10 @@
 #include <csignal>
 #include <fstream>
 
-#include "folder.h"
 #include "server/jobs/ids.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
+#include "support/temp_files.h"
 
 namespace kiln::server {
 namespace {
@@ -15,41 +15,14 @@ namespace {
 namespace fs = std::filesystem;
 
 UploadedFile write_file(SceneUpload& upload, const std::string& name, const std::string& content) {
-  auto file = HashingFile::create(upload.next_path());
+  auto file = proto::HashingFile::create(upload.next_path());
   EXPECT_TRUE(file && file->write(content));
   const std::string hash = file->finish().value();
   return {name, file->path(), content.size(), hash};
 }
 
-TEST(Files, HashesWhatItWrites) {
-  const TemporaryFolder folder;
-  auto file = HashingFile::create(folder.path() / "f");
-  ASSERT_TRUE(file->write("a"));
-  ASSERT_TRUE(file->write("bc"));
-  // FIPS 180-2, appendix B.1.
-  const char* expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-  EXPECT_EQ(file->finish().value(), expected);
-  EXPECT_EQ(digest_file(folder.path() / "f")->sha256, expected);
-  EXPECT_EQ(read_file(folder.path() / "f", 3).value(), "abc");
-  EXPECT_EQ(read_file(folder.path() / "f", 2).error().code, "limit_exceeded");
-}
-
-TEST(Files, AnAbandonedFileLeavesNothing) {
-  const TemporaryFolder folder;
-  { ASSERT_TRUE(HashingFile::create(folder.path() / "f")->write("abc")); }
-  EXPECT_TRUE(fs::is_empty(folder.path()));
-}
-
-TEST(Files, AtomicWriteReplacesTheWholeContent) {
-  const TemporaryFolder folder;
-  ASSERT_TRUE(write_file_atomically(folder.path() / "f", "first"));
-  ASSERT_TRUE(write_file_atomically(folder.path() / "f", "2"));
-  EXPECT_EQ(read_file(folder.path() / "f", 100).value(), "2");
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1);
-}
-
 TEST(DataFolder, BelongsToOneServerAtATime) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   {
     auto first = DataFolder::open(folder.path() / "data");
     ASSERT_TRUE(first);
@@ -67,7 +40,7 @@ TEST(DataFolder, BelongsToOneServerAtATime) {
 }
 
 TEST(SceneStore, NamesScenesByContent) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   auto data = DataFolder::open(folder.path());
   const SceneStore store(*data);
   const auto put = [&](const std::string& main,
@@ -91,14 +64,14 @@ TEST(SceneStore, NamesScenesByContent) {
 
   const auto found = store.find(bundle.scene.key).value();
   EXPECT_EQ(found.main_sha256, bundle.scene.main_sha256);
-  EXPECT_EQ(read_file(found.files.main, 10).value(), "{}");
-  EXPECT_EQ(read_file(found.files.side.at("a.bin"), 10).value(), "A");
-  EXPECT_EQ(read_file(found.files.side.at("b.png"), 10).value(), "B");
+  EXPECT_EQ(proto::read_file(found.files.main, 10).value(), "{}");
+  EXPECT_EQ(proto::read_file(found.files.side.at("a.bin"), 10).value(), "A");
+  EXPECT_EQ(proto::read_file(found.files.side.at("b.png"), 10).value(), "B");
   EXPECT_TRUE(fs::is_empty(data->temporary()));
 }
 
 TEST(SceneStore, FindsNothingUnderOtherNames) {
-  const TemporaryFolder folder;
+  const test::TempFolder folder;
   auto data = DataFolder::open(folder.path());
   const SceneStore store(*data);
   for (const std::string& key : {std::string(64, '0'), std::string("../../etc"), std::string()})

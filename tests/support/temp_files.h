@@ -31,6 +31,7 @@ class TempFolder {
 
   std::filesystem::path write(const std::string& name, const std::string& bytes) const {
     const auto file = path_ / name;
+    std::filesystem::create_directories(file.parent_path());
     std::ofstream out(file, std::ios::binary);
     out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     if (!out.flush()) throw std::runtime_error("cannot write " + file.string());

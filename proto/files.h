@@ -1,14 +1,18 @@
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstdint>
 #include <filesystem>
-#include <memory>
+#include <functional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "proto/expected.h"
+#include "proto/sha256.h"
 
-namespace kiln::server {
+namespace kiln::proto {
 
 /// An owned file descriptor.
 class Fd {
@@ -28,41 +32,25 @@ class Fd {
   int fd_ = -1;
 };
 
-/// Incremental SHA-256.
-class Sha256 {
- public:
-  Sha256();
-  Sha256(Sha256&&) noexcept;
-  Sha256& operator=(Sha256&&) noexcept;
-  ~Sha256();
-
-  void update(std::string_view bytes);
-  std::string hex();  ///< finishes; 64 lower-case digits
-
- private:
-  struct Context;
-  std::unique_ptr<Context> context_;
-};
-
 /// A file that takes a stream of bytes and knows their hash. Buffered; memory does not grow with
 /// the content. Deletes the file unless finish() was called.
 class HashingFile {
  public:
-  /// Errors: `storage_full`, `io_error`.
-  static proto::Expected<HashingFile> create(const std::filesystem::path&);
+  /// The file must not exist yet. Errors: `storage_full`, `io_error`.
+  static Expected<HashingFile> create(const std::filesystem::path&, mode_t mode = 0600);
   HashingFile(HashingFile&&) noexcept = default;
   HashingFile& operator=(HashingFile&&) noexcept = delete;
   ~HashingFile();
 
-  proto::Expected<void> write(std::string_view bytes);
+  Expected<void> write(std::string_view bytes);
   /// Flushes to the disk (fsync) and returns the SHA-256.
-  proto::Expected<std::string> finish();
+  Expected<std::string> finish();
   std::uint64_t bytes() const { return bytes_; }
   const std::filesystem::path& path() const { return path_; }
 
  private:
   HashingFile(Fd fd, std::filesystem::path path) : fd_(std::move(fd)), path_(std::move(path)) {}
-  proto::Expected<void> flush();
+  Expected<void> flush();
 
   Fd fd_;
   std::filesystem::path path_;
@@ -72,28 +60,33 @@ class HashingFile {
 };
 
 /// The error for the current errno: `storage_full` when the disk or quota is, else `io_error`.
-proto::Unexpected storage_error(std::string_view doing, const std::filesystem::path&);
+Unexpected storage_error(std::string_view doing, const std::filesystem::path&);
 
-/// Makes a folder's entries survive power loss.
-proto::Expected<void> sync_folder(const std::filesystem::path&);
+/// Makes a folder's entries survive power loss; "" is the current folder.
+Expected<void> sync_folder(const std::filesystem::path&);
 /// Makes a file's content, or a whole tree's, survive power loss.
-proto::Expected<void> sync_file(const std::filesystem::path&);
-proto::Expected<void> sync_tree(const std::filesystem::path&);
+Expected<void> sync_file(const std::filesystem::path&);
+Expected<void> sync_tree(const std::filesystem::path&);
 
-/// Writes a file as a whole or not at all: temporary, fsync, rename, fsync of the folder.
-proto::Expected<void> write_file_atomically(const std::filesystem::path&, std::string_view content);
+/// Writes a file so that its name shows the whole content or nothing, through a crash or power loss
+/// too: `write` fills a temporary beside it, ".<name>.part", which is flushed to the disk and then
+/// renamed. A failed temporary is removed. Errors: those of `write`, `storage_full`, `io_error`.
+Expected<void> write_whole(
+    const std::filesystem::path& target,
+    const std::function<Expected<void>(const std::filesystem::path& temporary)>& write);
+
+/// write_whole() of these bytes.
+Expected<void> write_bytes(const std::filesystem::path& target, std::string_view bytes);
 
 /// The whole content. Errors: `io_error`, and `limit_exceeded` beyond `max_bytes`.
-proto::Expected<std::string> read_file(const std::filesystem::path&, std::uint64_t max_bytes);
+Expected<std::string> read_file(const std::filesystem::path&, std::uint64_t max_bytes);
 
 /// Size and SHA-256 of a file.
 struct FileDigest {
   std::uint64_t bytes = 0;
   std::string sha256;
 };
-proto::Expected<FileDigest> digest_file(const std::filesystem::path&);
+/// Read in pieces. Errors: `io_error`.
+Expected<FileDigest> digest_file(const std::filesystem::path&);
 
-/// Whether `text` is a SHA-256 in lower-case hexadecimal.
-bool is_sha256(std::string_view text);
-
-}  // namespace kiln::server
+}  // namespace kiln::proto
