@@ -120,18 +120,15 @@ void warn_of_texels(const proto::Statistics& s, std::vector<proto::Warning>& war
 /// The checkpoints of one bake. When one can't be written the bake goes on without any.
 class Checkpoints {
  public:
-  Checkpoints(const BakeInput& input, BakeObserver& observer)
-      : dir_(input.checkpoint_dir), observer_(observer) {
-    // The program is part of the key: another version, or other vector units, give other bits.
-    if (!dir_.empty())
-      key_ = proto::sha256_hex(LIGHTKILN_VERSION "\n" + std::string(instruction_set()) + "\n" +
-                               input.scene_key + "\n" +
-                               proto::to_text(proto::to_json(input.settings)));
+  Checkpoints(const BakeInput& input, std::stop_token stop, BakeObserver& observer)
+      : dir_(input.checkpoint_dir), stop_(std::move(stop)), observer_(observer) {
+    if (!dir_.empty()) key_ = bake_key(input.scene_key, input.settings);
   }
 
   SolveStart find(Solver& solver, std::uint32_t texels) {
     if (dir_.empty()) return {};
-    auto found = read_checkpoint(dir_, key_, solver, texels);
+    auto found = read_checkpoint(dir_, key_, solver, texels, stop_);
+    if (stop_.stop_requested()) return {};  // the solve will say so
     if (found) return found->value_or(SolveStart{});
     observer_.on_warning(
         {"checkpoint_ignored", "", found.error().message + " The bake starts at its first pass."});
@@ -143,9 +140,9 @@ class Checkpoints {
              Solver& solver) {
     if (dir_.empty()) return;
     Expected<void> done;
-    if (pass.fills_state) done = write_state(dir_, key_, solver.state());
+    if (pass.fills_state) done = write_state(dir_, key_, solver.state(), stop_);
     if (done) done = write_checkpoint(dir_, key_, passes, light);
-    if (done) return;
+    if (done || stop_.stop_requested()) return;
     observer_.on_warning(
         {"checkpoint_failed", "", done.error().message + " The bake goes on without checkpoints."});
     remove_checkpoints(dir_);  // on a full disk, the results need the room
@@ -155,6 +152,7 @@ class Checkpoints {
  private:
   std::filesystem::path dir_;
   std::string key_;
+  std::stop_token stop_;
   BakeObserver& observer_;
 };
 
@@ -176,7 +174,7 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   const SolverInput solver_input{
       scene, atlas, *texels, *rays, lights, lookup, input.settings.solver};
   const auto solver = make_solver(solver_input);
-  Checkpoints checkpoints(input, observer);
+  Checkpoints checkpoints(input, stop, observer);
   SolveStart start = checkpoints.find(*solver, texels->size());
   std::vector<proto::PassReport> passes = start.passes;
   double work_done = work_of(*solver, passes), residual = 1;
@@ -188,6 +186,7 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   }
   const double work = solver->total_work();
   SolveHooks hooks;
+  hooks.enough = input.enough;
   hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
     const double share = (work_done + pass.work * done / total) / work;
     course.batch(pass, done, total, solver->max_passes(), residual,
@@ -211,6 +210,11 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
 
 const char* instruction_set() {
   return kernels().name;
+}
+
+std::string bake_key(const std::string& scene_key, const proto::BakeSettings& settings) {
+  return proto::sha256_hex(LIGHTKILN_VERSION "\n" + std::string(instruction_set()) + "\n" +
+                           scene_key + "\n" + proto::to_text(proto::to_json(settings)));
 }
 
 Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::stop_token stop,

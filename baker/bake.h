@@ -47,7 +47,8 @@ struct BakeInput {
   /// leaves its own behind.
   std::filesystem::path checkpoint_dir;
   std::string scene_sha256;  ///< of the main file, for the manifest
-  std::string scene_key;     ///< names the content of all files; checkpoints belong to one such key
+  std::string scene_key;     ///< names the content of all files
+  std::stop_token enough;    ///< ends the passes early, to write the light of those that are done
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the
@@ -55,6 +56,10 @@ struct BakeInput {
 /// a second of a stop request.
 proto::Expected<proto::Manifest> bake(const BakeInput&, ThreadPool&, std::stop_token,
                                       BakeObserver&);
+
+/// Names what a bake gives: scene, settings, version and instruction set. The same key means the
+/// same pixels, bit by bit. 64 hexadecimal digits.
+std::string bake_key(const std::string& scene_key, const proto::BakeSettings&);
 
 /// What this machine bakes with: "sse2", "avx2" or "avx512". Recorded with every result, since
 /// pixels are bit-identical per instruction set only.

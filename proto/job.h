@@ -6,6 +6,7 @@
 
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
+#include "proto/job_options.h"
 
 namespace kiln::proto {
 
@@ -42,7 +43,12 @@ struct Job {
   std::string scene_sha256;
   std::uint64_t scene_bytes = 0;
   BakeSettings settings;
+  std::int32_t priority = 0;
+  Labels labels;
+  std::uint64_t ttl_seconds = 0;  ///< between its end and its deletion; 0: it is kept for ever
+  bool cached = false;            ///< answered by the results of an identical bake
   std::string created_at, started_at, finished_at;  ///< RFC 3339 UTC, "" when not yet
+  std::string expires_at;                           ///< "" when not over or kept for ever
   JobProgress progress;
   std::optional<Error> error;  ///< of a failed job
 };

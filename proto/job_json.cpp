@@ -32,6 +32,7 @@ json links(const std::string& id) {
           {"events", self + "/events"},
           {"results", self + "/results"},
           {"cancel", self + "/cancel"},
+          {"retry", self + "/retry"},
           {"preview", self + "/preview"}};
 }
 
@@ -113,9 +114,14 @@ json to_json(const Job& job) {
           {"version", job.version},
           {"scene", {{"sha256", job.scene_sha256}, {"bytes", job.scene_bytes}}},
           {"settings", to_json(job.settings)},
+          {"priority", job.priority},
+          {"labels", job.labels},
+          {"ttl_seconds", job.ttl_seconds},
+          {"cached", job.cached},
           {"created_at", or_null(job.created_at)},
           {"started_at", or_null(job.started_at)},
           {"finished_at", or_null(job.finished_at)},
+          {"expires_at", or_null(job.expires_at)},
           {"progress", to_json(job.progress)},
           {"error", job.error ? to_json(*job.error) : json(nullptr)},
           {"links", links(job.id)}};

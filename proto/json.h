@@ -9,6 +9,7 @@
 #include "proto/event.h"
 #include "proto/expected.h"
 #include "proto/job.h"
+#include "proto/job_options.h"
 #include "proto/manifest.h"
 
 /// JSON in and out. The only place where the service's own documents are read or written; glTF is
@@ -31,6 +32,14 @@ Expected<BakeSettings> parse_settings(std::string_view text);
 /// "solver.samples=64": sets one value in a settings document. Value: JSON, or a bare word.
 Expected<void> set_by_path(nlohmann::json& settings, std::string_view assignment);
 
+/// Priority, labels, ttl_seconds, dedupe: all problems at once. Errors: `invalid_request`.
+Expected<JobOptions> job_options_from_json(const nlohmann::json&);
+/// The same without dedupe; a label that is null goes. Errors: `invalid_request`.
+Expected<JobPatch> job_patch_from_json(const nlohmann::json&);
+/// {"name": "value"}. Errors: `invalid_request`.
+Expected<Labels> labels_from_json(const nlohmann::json&);
+
+nlohmann::json to_json(const JobOptions&);
 nlohmann::json to_json(const BakeSettings&);  ///< every value, defaults included
 nlohmann::json to_json(const Job&);           ///< with links
 nlohmann::json to_json(const JobProgress&);

@@ -22,9 +22,12 @@ struct ServerConfig {
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
   std::uint32_t max_running_jobs = 2;
   std::uint32_t max_queued_jobs = 1000;  ///< beyond: `queue_full`
-  std::uint32_t heartbeat_seconds = 15;  ///< between comments on a silent event stream
-  std::uint32_t drain_seconds = 30;      ///< that running jobs get to finish after SIGTERM
-  std::string log_level = "info";        ///< trace, debug, info, warn, error, off
+  std::uint32_t job_ttl_seconds = 0;  ///< that a job is kept after its end, unless it says; 0: ever
+  std::uint32_t leftover_ttl_seconds = 86'400;  ///< unused scenes, checkpoints of failed jobs
+  std::uint64_t max_data_bytes = 0;             ///< beyond, old jobs are deleted; 0: no limit
+  std::uint32_t heartbeat_seconds = 15;         ///< between comments on a silent event stream
+  std::uint32_t drain_seconds = 30;             ///< that running jobs get to finish after SIGTERM
+  std::string log_level = "info";               ///< trace, debug, info, warn, error, off
   LogFormat log_format = LogFormat::kText;
 };
 

@@ -9,6 +9,7 @@
 
 #include "server/http/http_server.h"
 #include "server/http/hub.h"
+#include "server/jobs/janitor.h"
 #include "server/log.h"
 
 namespace kiln::server {
@@ -26,6 +27,14 @@ unsigned bake_threads(const ServerConfig& config) {
   return config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency());
 }
 
+JobLimits job_limits(const ServerConfig& config) {
+  JobLimits limits;
+  limits.running = config.max_running_jobs;
+  limits.queued = config.max_queued_jobs;
+  limits.ttl_seconds = config.job_ttl_seconds;
+  return limits;
+}
+
 }  // namespace
 
 struct Service::Impl {
@@ -37,8 +46,10 @@ struct Service::Impl {
         scenes(data),
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
-        jobs(data, store, scenes, pool, parts.bake,
-             JobLimits{config.max_running_jobs, config.max_queued_jobs}),
+        jobs(data, store, scenes, pool, parts.bake, job_limits(config)),
+        janitor(data, store, scenes, jobs,
+                Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
+                parts.sweep_interval),
         api(config, data, scenes, jobs, parts.check, pool.size()),
         admin(admin_routes(data, store, [this] { return draining.load(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
@@ -52,6 +63,7 @@ struct Service::Impl {
   Hub hub;
   baker::ThreadPool pool;
   JobService jobs;
+  Janitor janitor;
   Api api;
   Router admin;
   std::atomic<bool> draining{false};

@@ -17,6 +17,7 @@ struct ServiceParts {
   BakeFunction bake;
   CheckFunction check;
   EdgeLimits limits;
+  std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
 };
 
 /// The whole service in this process: store, queue, both ports. serve() is this plus signals.

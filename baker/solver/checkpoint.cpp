@@ -1,5 +1,6 @@
 #include "baker/solver/checkpoint.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <fstream>
@@ -145,7 +146,24 @@ Expected<std::optional<StoredLight>> read_pass_file(const fs::path& file, const 
   return stored;
 }
 
-Expected<void> read_state(const fs::path& file, const std::string& key, std::span<std::byte> out) {
+/// `use` for one piece after the other. False when it refuses one, or on a stop request.
+template <class T, class Use>
+bool for_pieces(std::span<T> bytes, std::stop_token stop, const Use& use) {
+  constexpr std::size_t kPiece = 16 << 20;
+  while (!bytes.empty()) {
+    const auto piece = bytes.first(std::min(kPiece, bytes.size()));
+    if (stop.stop_requested() || !use(piece)) return false;
+    bytes = bytes.subspan(piece.size());
+  }
+  return true;
+}
+
+proto::Unexpected stopped() {
+  return proto::fail(proto::kCanceledCode, "The job was canceled.");
+}
+
+Expected<void> read_state(const fs::path& file, const std::string& key, std::span<std::byte> out,
+                          std::stop_token stop) {
   std::ifstream in(file, std::ios::binary);
   Reader reader(in);
   std::string found;
@@ -153,26 +171,26 @@ Expected<void> read_state(const fs::path& file, const std::string& key, std::spa
   if (!reader.magic(kStateMagic) || !reader.text(found) || !reader.value(bytes))
     return unusable(file, "is missing or damaged");
   if (found != key || bytes != out.size()) return unusable(file, "is of another bake");
-  if (!reader.bytes(out.data(), out.size()) || !reader.sealed())
-    return unusable(file, "is damaged");
+  const bool whole =
+      for_pieces(out, stop, [&](auto piece) { return reader.bytes(piece.data(), piece.size()); });
+  if (stop.stop_requested()) return stopped();
+  if (!whole || !reader.sealed()) return unusable(file, "is damaged");
   return {};
 }
 
-/// Writes with `fill`, seals, and puts the file in its place.
+/// Writes what `fill` does between a header and the check sum.
 Expected<void> write_sealed(const fs::path& file, const Magic& magic, const std::string& key,
                             const std::function<void(Writer&)>& fill) {
-  return proto::write_whole(file, [&](const fs::path& temporary) -> Expected<void> {
-    errno = 0;
-    std::ofstream out(temporary, std::ios::binary);
-    Writer w(out);
-    w.bytes(magic.data(), magic.size());
-    w.text(key);
-    fill(w);
-    w.seal();
-    out.close();
-    if (out) return {};
-    return proto::storage_error("write", file);
-  });
+  errno = 0;
+  std::ofstream out(file, std::ios::binary);
+  Writer w(out);
+  w.bytes(magic.data(), magic.size());
+  w.text(key);
+  fill(w);
+  w.seal();
+  out.close();
+  if (out) return {};
+  return proto::storage_error("write", file);
 }
 
 /// Whether the solver would make these passes, in this order; `filled` says whether one of them
@@ -191,27 +209,40 @@ bool are_passes_of(const Solver& solver, std::span<const proto::PassReport> pass
 
 Expected<void> write_checkpoint(const fs::path& dir, const std::string& key,
                                 std::span<const proto::PassReport> passes, const Lightmap& light) {
-  return write_sealed(dir / kPassFiles[passes.size() % 2], kPassMagic, key, [&](Writer& w) {
-    w.value(std::uint32_t(passes.size()));
-    for (const auto& p : passes) write_report(w, p);
-    w.value(light.size());
-    w.plane(light.direct);
-    w.plane(light.sky);
-    w.plane(light.indirect);
-    w.plane(light.validity);
+  return proto::write_whole(dir / kPassFiles[passes.size() % 2], [&](const fs::path& temporary) {
+    return write_sealed(temporary, kPassMagic, key, [&](Writer& w) {
+      w.value(std::uint32_t(passes.size()));
+      for (const auto& p : passes) write_report(w, p);
+      w.value(light.size());
+      w.plane(light.direct);
+      w.plane(light.sky);
+      w.plane(light.indirect);
+      w.plane(light.validity);
+    });
   });
 }
 
 Expected<void> write_state(const fs::path& dir, const std::string& key,
-                           std::span<const std::byte> state) {
-  return write_sealed(dir / kStateFile, kStateMagic, key, [&](Writer& w) {
+                           std::span<const std::byte> state, std::stop_token stop) {
+  const fs::path file = dir / kStateFile, temporary = dir / ".state.part";
+  auto done = write_sealed(temporary, kStateMagic, key, [&](Writer& w) {
     w.value(std::uint64_t(state.size()));
-    w.bytes(state.data(), state.size());
+    for_pieces(state, stop, [&](auto piece) {
+      w.bytes(piece.data(), piece.size());
+      return true;
+    });
   });
+  if (stop.stop_requested()) done = stopped();
+  std::error_code error;
+  if (done) fs::rename(temporary, file, error);
+  if (error) done = proto::fail("io_error", "Can't rename to state.bin: " + error.message() + ".");
+  if (!done) fs::remove(temporary, error);
+  return done;
 }
 
 Expected<std::optional<SolveStart>> read_checkpoint(const fs::path& dir, const std::string& key,
-                                                    Solver& solver, std::uint32_t texels) {
+                                                    Solver& solver, std::uint32_t texels,
+                                                    std::stop_token stop) {
   auto first = read_pass_file(dir / kPassFiles[0], key);
   auto second = read_pass_file(dir / kPassFiles[1], key);
   const auto passes = [](const auto& stored) {
@@ -234,7 +265,7 @@ Expected<std::optional<SolveStart>> read_checkpoint(const fs::path& dir, const s
   if (!start.earlier && start.passes.size() > 1 && !solver.next(start.passes))
     return unusable(newest, "needs the one before it, which is damaged");
   if (filled)
-    if (auto ok = read_state(dir / kStateFile, key, solver.state()); !ok)
+    if (auto ok = read_state(dir / kStateFile, key, solver.state(), stop); !ok)
       return proto::Unexpected(ok.error());
   return start;
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -23,17 +24,20 @@ namespace kiln::baker {
 proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const std::string& key,
                                        std::span<const proto::PassReport> passes, const Lightmap&);
 
-/// Stores Solver::state() after a pass that filled it; before that pass's write_checkpoint().
+/// Stores Solver::state() after a pass that filled it; before that pass's write_checkpoint(). It
+/// may be large, so it is not flushed to the disk: after a power failure its check sum tells.
+/// Errors: `storage_full`, `io_error`, and `canceled` within a second of a stop request.
 proto::Expected<void> write_state(const std::filesystem::path& dir, const std::string& key,
-                                  std::span<const std::byte> state);
+                                  std::span<const std::byte> state, std::stop_token = {});
 
 /// The newest light in the folder that `solver` can go on from; restores the solver's state.
 /// Nothing when the folder holds none.
 /// Errors: `invalid_checkpoint` when what is there is damaged, or of another bake. The solver then
-/// has to begin at its first pass.
+/// has to begin at its first pass. `canceled` within a second of a stop request.
 proto::Expected<std::optional<SolveStart>> read_checkpoint(const std::filesystem::path& dir,
                                                            const std::string& key, Solver& solver,
-                                                           std::uint32_t texels);
+                                                           std::uint32_t texels,
+                                                           std::stop_token = {});
 
 void remove_checkpoints(const std::filesystem::path& dir);
 

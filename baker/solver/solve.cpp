@@ -57,7 +57,14 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   std::shared_ptr<const Lightmap> before = std::move(from.light), earlier = std::move(from.earlier);
   if (!before) before = std::make_shared<Lightmap>(texels.size());
   if (!earlier) earlier = std::make_shared<Lightmap>(texels.size());
+  std::stop_source either;  // what a pass under way listens to
+  const std::stop_callback on_stop(stop, [&] { either.request_stop(); });
+  const std::stop_callback on_enough(hooks.enough, [&] { either.request_stop(); });
+  const auto enough = [&] {
+    return hooks.enough.stop_requested() && !stop.stop_requested() && !solution.passes.empty();
+  };
   while (const auto pass = solver.next(solution.passes)) {
+    if (enough()) break;
     const auto start = std::chrono::steady_clock::now();
     auto after = std::make_shared<Lightmap>(*before);
     solver.begin(*pass, *before);
@@ -65,11 +72,12 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     const std::uint32_t batches = (texels.size() + size - 1) / size;
     std::vector<std::uint64_t> rays(batches);
     std::atomic<std::uint32_t> done{0};
-    const bool whole = pool.for_batches(batches, stop, [&](std::uint32_t b) {
+    const bool whole = pool.for_batches(batches, either.get_token(), [&](std::uint32_t b) {
       const TexelRange range{b * size, std::min((b + 1) * size, texels.size())};
       rays[b] = solver.run(*pass, *before, range, *after);
       if (hooks.on_batch) hooks.on_batch(*pass, ++done, batches);
     });
+    if (!whole && enough()) break;
     if (!whole) return proto::fail(proto::kCanceledCode, "The job was canceled.");
 
     const Change change = measure(texels, *before, *after);

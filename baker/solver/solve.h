@@ -19,6 +19,9 @@ struct SolveHooks {
   std::function<proto::Expected<void>(const Pass&, const proto::PassReport&,
                                       std::shared_ptr<const Lightmap>)>
       on_pass;
+  /// A stop request ends the solve with the light of the passes that are done; `canceled` when no
+  /// pass is.
+  std::stop_token enough;
 };
 
 struct Solution {

@@ -31,8 +31,10 @@ Api::Api(const ServerConfig& config, const DataFolder& data, const SceneStore& s
   add("POST", "/v1/jobs", &Api::post_job);
   add("GET", "/v1/jobs", &Api::list_jobs);
   add("GET", "/v1/jobs/{}", &Api::get_job);
+  add("PATCH", "/v1/jobs/{}", &Api::patch_job);
   add("DELETE", "/v1/jobs/{}", &Api::delete_job);
   add("POST", "/v1/jobs/{}/cancel", &Api::cancel_job);
+  add("POST", "/v1/jobs/{}/retry", &Api::retry_job);
   add("GET", "/v1/jobs/{}/events", &Api::get_events);
   add("GET", "/v1/jobs/{}/results", &Api::get_results);
   add("GET", "/v1/jobs/{}/results/{}", &Api::get_result);

@@ -2,6 +2,8 @@
 
 #include <cstdint>
 #include <functional>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <semaphore>
 #include <string>
 
@@ -35,7 +37,9 @@ class Api {
   Response get_scene(Request&);
   Response list_jobs(Request&);
   Response get_job(Request&);
+  Response patch_job(Request&);
   Response cancel_job(Request&);
+  Response retry_job(Request&);
   Response delete_job(Request&);
   Response get_events(Request&);
   Response get_results(Request&);
@@ -44,12 +48,9 @@ class Api {
   Response get_capabilities(Request&);
   Response get_root(Request&);
 
-  struct JobRequest {
-    StoredScene scene;
-    proto::BakeSettings settings;
-  };
-  proto::Expected<JobRequest> read_job_request(Request&);
-  proto::Expected<JobRequest> read_json_job(Request&);
+  proto::Expected<Submission> read_job_request(Request&);
+  proto::Expected<Submission> read_json_job(Request&);
+  proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
   proto::Expected<proto::Job> find_job(const Request&) const;
   proto::Expected<proto::Job> wait_for_job(const Request&, std::chrono::seconds);
   /// The job of the request when it has results, else why not.
@@ -67,6 +68,9 @@ class Api {
   std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
   std::counting_semaphore<> previews_{2};
 };
+
+/// A job as the answer, with its ETag.
+Response job_response(int status, const proto::Job&);
 
 /// The routes of the admin port: /healthz and /readyz.
 Router admin_routes(const DataFolder&, JobStore&, const std::function<bool()>& draining);

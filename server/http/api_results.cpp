@@ -57,6 +57,8 @@ Expected<std::optional<float>> query_exposure(const Request& request) {
 Expected<proto::Job> Api::find_finished(const Request& request) const {
   auto job = find_job(request);
   if (!job || job->state == proto::JobState::kSucceeded) return job;
+  // A bake that was canceled with `drain` has the light of its passes.
+  if (job->state == proto::JobState::kCancelled && !jobs_.results(job->id).empty()) return job;
   if (!proto::is_terminal(job->state))
     return fail("result_not_ready", "Job " + job->id + " is not over yet.");
   return fail("not_found",

@@ -26,7 +26,7 @@ Response scene_response(int status, const StoredScene& scene) {
 Response Api::post_scene(Request& request) {
   auto upload =
       receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
-                     /*settings_allowed=*/false);
+                     /*for_job=*/false);
   if (!upload) return problem(upload.error(), request);
   proto::BakeSettings any_light;
   any_light.allow_dark = true;

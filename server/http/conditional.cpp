@@ -37,18 +37,26 @@ std::optional<Selection> resolve(std::string_view spec, std::uint64_t size) {
   return Selection{206, *first, end - *first + 1};
 }
 
-}  // namespace
-
-bool matches_etag(std::string_view list, std::string_view etag) {
+bool matches(std::string_view list, std::string_view etag, bool weakly) {
   if (trim_blanks(list) == "*") return true;
   while (!list.empty()) {
     const auto comma = list.find(',');  // our tags hold no comma, so none of ours is cut in two
     std::string_view tag = trim_blanks(list.substr(0, comma));
-    if (tag.starts_with("W/")) tag.remove_prefix(2);
+    if (weakly && tag.starts_with("W/")) tag.remove_prefix(2);
     if (tag == etag) return true;
     list = comma == std::string_view::npos ? std::string_view() : list.substr(comma + 1);
   }
   return false;
+}
+
+}  // namespace
+
+bool matches_etag(std::string_view list, std::string_view etag) {
+  return matches(list, etag, true);
+}
+
+bool matches_strongly(std::string_view list, std::string_view etag) {
+  return matches(list, etag, false);
 }
 
 Selection select_content(const RequestHead& head, std::string_view etag, std::uint64_t size) {

@@ -21,4 +21,7 @@ Selection select_content(const RequestHead&, std::string_view etag, std::uint64_
 /// Whether a list of entity tags (or *) names `etag`, by weak comparison.
 bool matches_etag(std::string_view list, std::string_view etag);
 
+/// The same by strong comparison, as If-Match asks for: a weak tag names nothing.
+bool matches_strongly(std::string_view list, std::string_view etag);
+
 }  // namespace kiln::server

@@ -48,5 +48,7 @@ std::string_view trim_blanks(std::string_view);
 
 /// Decodes %XX. Nothing when a sequence is malformed or a byte is a control character.
 std::optional<std::string> percent_decode(std::string_view, bool plus_is_space);
+/// Everything but unreserved characters (RFC 3986) as %XX.
+std::string percent_encode(std::string_view);
 
 }  // namespace kiln::server

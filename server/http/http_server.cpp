@@ -20,6 +20,7 @@
 #include "server/http/worker_pool.h"
 #include "server/jobs/ids.h"
 #include "server/log.h"
+#include "server/storage/sqlite.h"
 
 namespace kiln::server {
 namespace {
@@ -140,6 +141,10 @@ Response call(const server::Handler& handler, Exchange& exchange) {
   };
   try {
     return handler(request);
+  } catch (const DatabaseError& e) {
+    report(e.what());
+    if (e.disk_full)
+      return problem({"storage_full", "The disk of the service is full.", {}}, request);
   } catch (const std::bad_alloc&) {
     report("out of memory");
     return problem({"out_of_memory", "The service has no memory left for this request.", {}},

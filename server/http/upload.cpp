@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "server/http/multipart.h"
@@ -41,29 +42,29 @@ bool is_plain_text(const std::string& name) {
                       [](unsigned char c) { return c < 0x20 || c == 0x7f; });
 }
 
-/// Sorts the parts of one multipart body into scene, side files and settings.
+/// Sorts the parts of one multipart body into scene, side files and texts.
 class PartCollector {
  public:
-  PartCollector(Upload& upload, const UploadLimits& limits, bool settings_allowed)
-      : upload_(upload), limits_(limits), settings_allowed_(settings_allowed) {}
+  PartCollector(Upload& upload, const UploadLimits& limits, bool for_job)
+      : upload_(upload), limits_(limits), for_job_(for_job) {}
 
   Expected<void> begin(const PartHead& part) {
     const std::string pointer = "/" + part.name;
     const auto refuse = [&](const std::string& what) {
       return fail("invalid_request", what, "request", pointer);
     };
-    if (part.name == "settings" && settings_allowed_) {
-      if (upload_.settings) return refuse("There are two `settings` parts.");
-      upload_.settings.emplace();
-      in_settings_ = true;
+    if (for_job_ && (part.name == "settings" || part.name == "options")) {
+      auto& text = part.name == "settings" ? upload_.settings : upload_.options;
+      if (text) return refuse("There are two `" + part.name + "` parts.");
+      text_ = &text.emplace();
       return {};
     }
     name_.clear();
     if (part.name == "scene") {
       if (upload_.scene.main) return refuse("There are two `scene` parts.");
     } else if (!part.filename) {
-      return refuse("The part `" + part.name +
-                    "` is neither `scene`, nor `settings`, nor a file with a name.");
+      return refuse("The part `" + part.name + "` is neither `scene`, nor " +
+                    (for_job_ ? "`settings`, nor `options`, nor " : "") + "a file with a name.");
     } else {
       name_ = *part.filename;
       if (name_.empty() || name_.size() > kMaxFileName || !is_plain_text(name_))
@@ -79,19 +80,16 @@ class PartCollector {
   }
 
   Expected<void> data(std::string_view bytes) {
-    if (!in_settings_) return file_->write(bytes);
-    if (upload_.settings->size() + bytes.size() > limits_.json_bytes)
-      return fail("payload_too_large", "The `settings` part is over the limit of " +
+    if (text_ == nullptr) return file_->write(bytes);
+    if (text_->size() + bytes.size() > limits_.json_bytes)
+      return fail("payload_too_large", "A JSON part is over the limit of " +
                                            std::to_string(limits_.json_bytes) + " bytes.");
-    *upload_.settings += bytes;
+    *text_ += bytes;
     return {};
   }
 
   Expected<void> end() {
-    if (in_settings_) {
-      in_settings_ = false;
-      return {};
-    }
+    if (std::exchange(text_, nullptr) != nullptr) return {};
     auto hash = file_->finish();
     if (!hash) return proto::Unexpected(hash.error());
     UploadedFile done{name_, file_->path(), file_->bytes(), *hash};
@@ -107,8 +105,9 @@ class PartCollector {
  private:
   Upload& upload_;
   const UploadLimits& limits_;
-  bool settings_allowed_;
-  bool in_settings_ = false, is_main_ = false;
+  bool for_job_;
+  std::string* text_ = nullptr;  ///< of the part that is being read, if it is no file
+  bool is_main_ = false;
   std::string name_;
   std::optional<proto::HashingFile> file_;
 };
@@ -142,7 +141,7 @@ std::string media_type(const RequestHead& head) {
 }
 
 Expected<Upload> receive_upload(Request& request, const DataFolder& data,
-                                const UploadLimits& limits, bool settings_allowed) {
+                                const UploadLimits& limits, bool for_job) {
   if (auto ok = check_encoding(request.head); !ok) return proto::Unexpected(ok.error());
   const std::string type = media_type(request.head);
   const bool multipart = type == "multipart/form-data";
@@ -155,8 +154,8 @@ Expected<Upload> receive_upload(Request& request, const DataFolder& data,
                     type + ".");
   auto folder = SceneUpload::create(data);
   if (!folder) return proto::Unexpected(folder.error());
-  Upload upload{std::move(*folder), std::nullopt};
-  PartCollector parts(upload, limits, settings_allowed);
+  Upload upload{std::move(*folder), std::nullopt, std::nullopt};
+  PartCollector parts(upload, limits, for_job);
   Expected<void> done;
   if (multipart) {
     const auto boundary = multipart_boundary(*request.head.header("content-type"));

@@ -16,19 +16,19 @@ struct UploadLimits {
   std::uint64_t json_bytes = 4ull << 20;
 };
 
-/// What a client sent: files in tmp/, and the text of its `settings` part.
+/// What a client sent: files in tmp/, and the text of its `settings` and `options` parts.
 struct Upload {
   SceneUpload scene;
-  std::optional<std::string> settings;
+  std::optional<std::string> settings, options;
 };
 
-/// Receives a scene to disk with bounded memory: multipart/form-data (part `scene`, optional part
-/// `settings` where allowed, any other part with a file name is a side file of that name), or the
-/// bare file as model/gltf-binary, model/gltf+json or application/octet-stream.
+/// Receives a scene to disk with bounded memory: multipart/form-data (part `scene`; parts
+/// `settings` and `options` for a job; any other part with a file name is a side file of that
+/// name), or the bare file as model/gltf-binary, model/gltf+json or application/octet-stream.
 /// Errors: `payload_too_large`, `unsupported_media_type`, `bad_request`, `invalid_request`,
 /// `storage_full`, `io_error`.
 proto::Expected<Upload> receive_upload(Request&, const DataFolder&, const UploadLimits&,
-                                       bool settings_allowed);
+                                       bool for_job);
 
 /// A JSON body as text. Errors: `payload_too_large`, `bad_request`.
 proto::Expected<std::string> receive_text(Request&, std::uint64_t max_bytes);

@@ -7,6 +7,8 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <ctime>
 #include <stdexcept>
 
@@ -19,6 +21,16 @@ constexpr std::string_view kDigits = "0123456789abcdefghjkmnpqrstvwxyz";
 std::int64_t now_ms() {
   using namespace std::chrono;
   return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
+}
+
+std::string rfc3339(std::int64_t ms) {
+  const std::time_t seconds = static_cast<std::time_t>(ms / 1000);
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  std::array<char, 40> text{};
+  const std::size_t n = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
+  std::snprintf(text.data() + n, text.size() - n, ".%03dZ", static_cast<int>(ms % 1000));
+  return text.data();
 }
 
 }  // namespace
@@ -40,15 +52,16 @@ bool is_id(std::string_view text, std::string_view prefix) {
                      [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z'); });
 }
 
-std::string now_rfc3339() {
-  const std::int64_t ms = now_ms();
-  const std::time_t seconds = static_cast<std::time_t>(ms / 1000);
+std::string now_rfc3339(std::chrono::seconds later) {
+  return rfc3339(now_ms() + later.count() * 1000);
+}
+
+std::string seconds_after(const std::string& text, std::chrono::seconds later) {
   std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  std::array<char, 40> text{};
-  const std::size_t n = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
-  std::snprintf(text.data() + n, text.size() - n, ".%03dZ", static_cast<int>(ms % 1000));
-  return text.data();
+  const char* rest = ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &utc);
+  if (rest == nullptr || *rest != '.' || std::strlen(rest) != 5) return {};
+  const std::int64_t ms = std::strtol(rest + 1, nullptr, 10);
+  return rfc3339((static_cast<std::int64_t>(::timegm(&utc)) + later.count()) * 1000 + ms);
 }
 
 }  // namespace kiln::server

@@ -27,6 +27,13 @@ void apply(LiveJob& job, const Change& change, const Store& store) {
   for (auto& event : events) job.ring->push(std::move(event));
 }
 
+void start_again(StoredJob& s) {
+  s.job.state = JobState::kQueued;
+  ++s.job.attempt;
+  s.job.started_at.clear();
+  s.job.progress = {};
+}
+
 nlohmann::json file_names(const std::vector<proto::ResultFile>& files) {
   auto names = nlohmann::json::array();
   for (const auto& file : files) names.push_back(file.name);
@@ -34,6 +41,21 @@ nlohmann::json file_names(const std::vector<proto::ResultFile>& files) {
 }
 
 }  // namespace
+
+std::string expiry(const proto::Job& job) {
+  if (job.ttl_seconds == 0 || job.finished_at.empty()) return {};
+  return seconds_after(job.finished_at,
+                       std::chrono::seconds(static_cast<std::int64_t>(job.ttl_seconds)));
+}
+
+std::vector<proto::Event> end_events(const LiveJob& job,
+                                     const std::vector<proto::ResultFile>& files) {
+  std::vector<proto::Event> events;
+  if (!files.empty()) events.push_back(job.event("result.ready", {{"files", file_names(files)}}));
+  events.push_back(job.state_event(events.size()));
+  events.push_back(job.event(kJobEnd, proto::to_json(job.stored.job), events.size()));
+  return events;
+}
 
 void change_state(JobStore& store, LiveJob& job, JobState state, Durability durability) {
   apply(
@@ -54,11 +76,9 @@ void finish_job(JobStore& store, LiveJob& job, JobState state, std::optional<pro
         s.job.state = state;
         s.job.error = std::move(error);
         s.job.finished_at = now_rfc3339();
+        s.job.expires_at = expiry(s.job);
         if (state == JobState::kSucceeded) s.job.progress.fraction = 1;
-        if (!files.empty())
-          events.push_back(job.event("result.ready", {{"files", file_names(files)}}));
-        events.push_back(job.state_event(events.size()));
-        events.push_back(job.event(kJobEnd, proto::to_json(s.job), events.size()));
+        events = end_events(job, files);
       },
       [&](const auto& events) { store.finish(job.stored, events, files); });
 }
@@ -67,11 +87,39 @@ void requeue_job(JobStore& store, LiveJob& job) {
   apply(
       job,
       [&](StoredJob& s, std::vector<proto::Event>& events) {
-        s.job.state = JobState::kQueued;
-        ++s.job.attempt;
-        s.job.started_at.clear();
-        s.job.progress = {};
+        start_again(s);
         events.push_back(job.state_event());
+      },
+      [&](const auto& events) { store.save(job.stored, events, Durability::kPromise); });
+}
+
+void restart_job(JobStore& store, LiveJob& job) {
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>& events) {
+        start_again(s);
+        s.crashes = 0;
+        s.job.error.reset();
+        s.job.finished_at.clear();
+        s.job.expires_at.clear();
+        events.push_back(job.state_event());
+      },
+      [&](const auto& events) { store.restart(job.stored, events); });
+}
+
+void patch_job(JobStore& store, LiveJob& job, const proto::JobPatch& patch) {
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>&) {
+        s.job.priority = patch.priority.value_or(s.job.priority);
+        for (const auto& [name, value] : patch.labels) {
+          if (value)
+            s.job.labels[name] = *value;
+          else
+            s.job.labels.erase(name);
+        }
+        s.job.ttl_seconds = patch.ttl_seconds.value_or(s.job.ttl_seconds);
+        s.job.expires_at = expiry(s.job);
       },
       [&](const auto& events) { store.save(job.stored, events, Durability::kPromise); });
 }

@@ -3,6 +3,7 @@
 #include <optional>
 #include <vector>
 
+#include "proto/event.h"
 #include "proto/expected.h"
 #include "proto/manifest.h"
 #include "server/jobs/job_store.h"
@@ -12,12 +13,22 @@
 /// both to readers. The caller holds job.mutex. When the store throws, the job is as it was.
 namespace kiln::server {
 
+/// The last events of a job in its terminal state: result.ready when there are files, job.state,
+/// job.end.
+std::vector<proto::Event> end_events(const LiveJob&, const std::vector<proto::ResultFile>&);
+
 void change_state(JobStore&, LiveJob&, proto::JobState, Database::Durability);
-/// Terminal state: job.state and job.end; result.ready before them when there are files.
+/// Terminal state, with end_events().
 void finish_job(JobStore&, LiveJob&, proto::JobState, std::optional<proto::Error>,
                 const std::vector<proto::ResultFile>&);
 /// Back to the queue, for the next attempt.
 void requeue_job(JobStore&, LiveJob&);
+/// The same for a job that was over.
+void restart_job(JobStore&, LiveJob&);
+/// When a job that is over expires; "" when it is kept for ever.
+std::string expiry(const proto::Job&);
+/// Priority, labels and time to live. No event: streams tell how a bake goes.
+void patch_job(JobStore&, LiveJob&, const proto::JobPatch&);
 /// One event about the job as it is now; the version grows.
 void add_event(JobStore&, LiveJob&, const char* type, const nlohmann::json& data);
 

@@ -52,7 +52,8 @@ JobRun::Outcome JobRun::bake() {
                                  context_.data.results(job.id),
                                  context_.data.checkpoints(job.id),
                                  scene->main_sha256,
-                                 scene->key};
+                                 scene->key,
+                                 job_.enough.get_token()};
     auto manifest = context_.bake(input, context_.pool, job_.stop.get_token(), *this);
     if (!manifest) return {manifest.error(), {}};
     auto files = collect(*manifest);
@@ -85,21 +86,23 @@ proto::Expected<std::vector<proto::ResultFile>> JobRun::collect(
 }
 
 void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
-  bool over = true;
+  JobState end = JobState::kQueued;
   const auto attempt = [&] {
     const std::lock_guard lock(job_.mutex);
     const bool stopped = outcome.error && outcome.error->code == proto::kCanceledCode;
     if (job_.cancel_requested) {
-      finish_job(context_.store, job_, JobState::kCancelled, std::nullopt, {});
+      // What a bake that was told `enough` wrote is a result.
+      if (job_.stop.stop_requested()) outcome.files.clear();
+      finish_job(context_.store, job_, JobState::kCancelled, std::nullopt, outcome.files);
     } else if (stopped && service_stop.stop_requested()) {
       requeue_job(context_.store, job_);
-      over = false;
     } else if (outcome.error) {
       finish_job(context_.store, job_, JobState::kFailed, outcome.error, {});
     } else {
       finish_job(context_.store, job_, JobState::kSucceeded, std::nullopt, outcome.files);
     }
     job_.snapshot = {};
+    end = job_.stored.job.state;
   };
   // The outcome is a promise. While the store can't take it (a full disk), hold on to it.
   for (bool first = true;; first = false) {
@@ -112,7 +115,8 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   }
-  if (over) context_.data.remove_checkpoints(job_.id);
+  // The others may be run again from theirs.
+  if (end == JobState::kSucceeded) context_.data.remove_checkpoints(job_.id);
   context_.notify();
 }
 

@@ -7,6 +7,7 @@
 #include "server/jobs/ids.h"
 #include "server/jobs/job_changes.h"
 #include "server/jobs/job_run.h"
+#include "server/jobs/job_words.h"
 #include "server/jobs/live_job.h"
 #include "server/log.h"
 
@@ -14,18 +15,6 @@ namespace kiln::server {
 namespace {
 
 using proto::JobState;
-using Durability = Database::Durability;
-
-proto::Unexpected no_such_job(const std::string& id) {
-  return proto::fail("not_found", "There is no job " + id + ".");
-}
-
-void log_state(const proto::Job& job) {
-  nlohmann::json fields{
-      {"job", job.id}, {"state", proto::to_string(job.state)}, {"attempt", job.attempt}};
-  if (job.error) fields["code"] = job.error->code;
-  log_line(job.state == JobState::kFailed ? LogLevel::kWarn : LogLevel::kInfo, "job", fields);
-}
 
 }  // namespace
 
@@ -40,6 +29,7 @@ JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore
       limits_(limits),
       import_limits_(import_limits) {
   recover();
+  clear_leftovers();
   for (std::uint32_t i = 0; i < limits_.running; ++i)
     runners_.emplace_back([this](std::stop_token stop) { runner_loop(stop); });
 }
@@ -52,7 +42,7 @@ void JobService::add_live(const LivePtr& job) {
   live_[job->stored.job.id] = job;
   by_sequence_[job->stored.sequence] = job;
   if (job->stored.job.state == JobState::kQueued)
-    queue_.insert({-job->stored.priority, job->stored.sequence});
+    queue_.insert({-job->stored.job.priority, job->stored.sequence});
 }
 
 // What the process before us did not finish. A job that was running when it died goes on, unless it
@@ -82,6 +72,20 @@ void JobService::recover() {
   }
 }
 
+// Folders of jobs that were deleted, or never stored, and checkpoints that nobody will ask for:
+// what a process leaves that ends between two steps. None of these jobs is running yet.
+void JobService::clear_leftovers() const {
+  for (const std::string& id : data_.job_folders()) {
+    const auto stored = store_.find(id);
+    if (!stored) {
+      log_line(LogLevel::kInfo, "leftover", {{"job", id}});
+      data_.remove_job(id);
+    } else if (stored->job.state == JobState::kSucceeded) {
+      data_.remove_checkpoints(id);
+    }
+  }
+}
+
 proto::Expected<void> JobService::check_room() const {
   if (draining_)
     return proto::fail("draining", "The service is shutting down and takes no new jobs.");
@@ -91,42 +95,10 @@ proto::Expected<void> JobService::check_room() const {
   return {};
 }
 
-proto::Expected<void> JobService::accepting() const {
+proto::Expected<void> JobService::accepting(const std::string& idempotency_key) const {
+  if (!idempotency_key.empty() && store_.find_request(idempotency_key)) return {};
   const std::lock_guard lock(mutex_);
   return check_room();
-}
-
-proto::Expected<proto::Job> JobService::submit(const StoredScene& scene,
-                                               const proto::BakeSettings& settings) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (auto room = check_room(); !room) return proto::Unexpected(room.error());
-    ++submitting_;
-  }
-  StoredJob stored;
-  stored.job.id = new_id("job_");
-  stored.job.scene_sha256 = scene.key;
-  stored.job.scene_bytes = scene.bytes;
-  stored.job.settings = settings;
-  stored.job.created_at = now_rfc3339();
-  auto job = std::make_shared<LiveJob>(stored);
-  const proto::Event first = job->state_event();
-  try {
-    job->stored.sequence = store_.insert(stored.job, first);
-  } catch (...) {
-    const std::lock_guard lock(mutex_);
-    --submitting_;
-    throw;
-  }
-  job->ring->push(first);
-  {
-    const std::lock_guard lock(mutex_);
-    --submitting_;
-    add_live(job);
-  }
-  changed_.notify_all();
-  log_state(stored.job);
-  return stored.job;
 }
 
 JobService::LivePtr JobService::live(const std::string& id) const {
@@ -164,52 +136,6 @@ JobService::Page JobService::list(const JobFilter& filter) const {
   }
   for (auto& row : stored) page.jobs.push_back(std::move(row.job));
   return page;
-}
-
-proto::Expected<proto::Job> JobService::cancel(const std::string& id) {
-  const LivePtr job = live(id);
-  if (!job) return get(id);
-  bool over = false;
-  proto::Job result;
-  {
-    // Both locks: a runner that takes the job from the queue does so under mutex_.
-    const std::scoped_lock locks(mutex_, job->mutex);
-    StoredJob& s = job->stored;
-    if (proto::is_terminal(s.job.state) || job->cancel_requested) return s.job;
-    if (queue_.contains({-s.priority, s.sequence})) {
-      finish_job(store_, *job, JobState::kCancelled, std::nullopt, {});
-      queue_.erase({-s.priority, s.sequence});
-      over = true;
-    } else {
-      change_state(store_, *job, JobState::kCanceling, Durability::kPromise);
-    }
-    job->cancel_requested = true;
-    result = s.job;
-  }
-  job->stop.request_stop();
-  notify(*job);
-  if (over) retire(job);
-  log_state(result);
-  return result;
-}
-
-proto::Expected<void> JobService::remove(const std::string& id, bool force) {
-  if (const LivePtr job = live(id)) {
-    const auto refuse = [&] {
-      return proto::fail("job_not_terminal",
-                         "Job " + id + " is not over; cancel it first, or use ?force=true.");
-    };
-    if (!force) return refuse();
-    if (auto canceled = cancel(id); !canceled) return proto::Unexpected(canceled.error());
-    std::unique_lock lock(mutex_);
-    if (!changed_.wait_for(lock, std::chrono::seconds(10), [&] { return !live_.contains(id); }))
-      return refuse();
-  }
-  if (!store_.find(id)) return no_such_job(id);
-  store_.remove(id);
-  data_.remove_job(id);
-  log_line(LogLevel::kInfo, "job", {{"job", id}, {"state", "deleted"}});
-  return {};
 }
 
 std::shared_ptr<const EventRing> JobService::events(const std::string& id) const {

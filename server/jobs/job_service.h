@@ -37,28 +37,53 @@ struct JobLimits {
   std::uint32_t crashes = 3;    ///< attempts in a row that may end with the process, without one
                                 ///< more pass done, before a job fails
   std::chrono::milliseconds progress_interval{250};  ///< between two job.progress events
+  std::uint64_t ttl_seconds = 0;                     ///< of jobs that don't say; 0: for ever
 };
 
-/// The job queue: takes jobs, runs them oldest first, keeps their state and events. A job that
-/// submit() returned is on the disk. Thread-safe. Store failures are DatabaseError.
+/// What submit() takes.
+struct Submission {
+  StoredScene scene;
+  proto::BakeSettings settings;
+  proto::JobOptions options;
+  std::string idempotency_key;  ///< the client's name for this request; "": none
+};
+
+enum class CancelMode {
+  kNow,    ///< as soon as possible, without a result
+  kDrain,  ///< the light of the passes that are done becomes the result
+};
+
+enum class RetryFrom { kCheckpoint, kStart };
+
+/// The job queue: takes jobs, runs them by priority and age, keeps their state and events. A job
+/// that submit() returned is on the disk. Thread-safe. Store failures are DatabaseError.
 ///
 /// States: queued -> preparing -> running -> finalizing -> succeeded | failed | canceled, with
 /// canceling in between; back to queued, with the next attempt, when the process ended in between.
 /// That attempt goes on after the last pass that was done.
 class JobService {
  public:
-  /// Takes up the jobs that an earlier process left, then starts the runners.
+  /// Takes up the jobs that an earlier process left, clears away what it left besides, then starts
+  /// the runners.
   JobService(const DataFolder&, JobStore&, const SceneStore&, baker::ThreadPool&, BakeFunction,
              JobLimits, baker::ImportLimits = {});
   ~JobService();  ///< stop(), unless done
   JobService(const JobService&) = delete;
   JobService& operator=(const JobService&) = delete;
 
-  /// Whether submit() would take a job now: worth knowing before an upload is read.
+  /// Whether submit() would take a job now: worth knowing before an upload is read. True when the
+  /// request of this idempotency key was answered before, since that takes no room.
   /// Errors: `queue_full`, `draining`.
-  proto::Expected<void> accepting() const;
-  /// Same errors.
-  proto::Expected<proto::Job> submit(const StoredScene&, const proto::BakeSettings&);
+  proto::Expected<void> accepting(const std::string& idempotency_key = {}) const;
+
+  struct Submitted {
+    proto::Job job;
+    bool replayed = false;  ///< the job of an earlier request with the same idempotency key
+  };
+  /// Queues a job. With options.dedupe, an identical bake that succeeded makes it a job that is
+  /// over at once.
+  /// Errors: `queue_full`, `draining`, `idempotency_in_progress`, `idempotency_mismatch`.
+  proto::Expected<Submitted> submit(const Submission&);
   /// Errors: `not_found`.
   proto::Expected<proto::Job> get(const std::string& id) const;
   /// As get(), but waits until the job is over, the time is up, or release_waiters() was called.
@@ -72,7 +97,14 @@ class JobService {
 
   /// A queued job is over at once; a running one turns to canceling. No change to one that is over.
   /// Errors: `not_found`.
-  proto::Expected<proto::Job> cancel(const std::string& id);
+  proto::Expected<proto::Job> cancel(const std::string& id, CancelMode = CancelMode::kNow);
+  /// Queues a job that failed or was canceled again, as its next attempt.
+  /// Errors: `not_found`, `job_not_retryable`, `queue_full`, `draining`.
+  proto::Expected<proto::Job> retry(const std::string& id, RetryFrom);
+  /// Changes a job's options, if `allowed` says yes to its version.
+  /// Errors: `not_found`, `precondition_failed`, `invalid_request` (too many labels).
+  proto::Expected<proto::Job> patch(const std::string& id, const proto::JobPatch&,
+                                    const std::function<bool(std::uint64_t version)>& allowed);
   /// Deletes a job that is over, with its files. `force` cancels it first.
   /// Errors: `not_found`, `job_not_terminal`.
   proto::Expected<void> remove(const std::string& id, bool force);
@@ -101,16 +133,25 @@ class JobService {
 
  private:
   using LivePtr = std::shared_ptr<LiveJob>;
+  class KeyInUse;
 
   proto::Expected<void> check_room() const;  ///< needs mutex_
   void recover();
-  void add_live(const LivePtr&);
+  void clear_leftovers() const;
+  void add_live(const LivePtr&);  ///< needs mutex_
   LivePtr live(const std::string& id) const;
   LivePtr next_job(std::stop_token);
   void runner_loop(std::stop_token);
   void settle(const LivePtr&);
   void notify(const LiveJob&);
   void retire(const LivePtr&);
+
+  std::optional<proto::Expected<Submitted>> replay(const IdempotencyKey&) const;
+  std::optional<proto::Job> submit_cached(const StoredJob&, const std::optional<IdempotencyKey>&);
+  proto::Expected<proto::Job> enqueue(const StoredJob&, const std::optional<IdempotencyKey>&);
+  /// A job that is over, as of the store. Waits for a runner that is about to let go of it. Null:
+  /// it is not over.
+  proto::Expected<LivePtr> find_over(const std::string& id, std::unique_lock<std::mutex>&) const;
 
   const DataFolder& data_;
   JobStore& store_;
@@ -126,6 +167,7 @@ class JobService {
   std::map<std::string, LivePtr> live_;                    ///< jobs that are not over
   std::set<std::pair<std::int64_t, std::int64_t>> queue_;  ///< (-priority, sequence)
   std::map<std::int64_t, LivePtr> by_sequence_;
+  std::set<std::string> keys_in_use_;  ///< idempotency keys of requests being answered
   std::size_t running_ = 0;
   std::size_t submitting_ = 0;
   bool draining_ = false;

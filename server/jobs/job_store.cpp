@@ -54,13 +54,30 @@ CREATE TABLE result (
   sha256 TEXT NOT NULL,
   PRIMARY KEY (job, position)
 ) STRICT, WITHOUT ROWID;
+)sql",
+    R"sql(
+ALTER TABLE job ADD COLUMN bake_key TEXT NOT NULL DEFAULT '';
+ALTER TABLE job ADD COLUMN labels TEXT NOT NULL DEFAULT '{}';
+ALTER TABLE job ADD COLUMN ttl_seconds INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE job ADD COLUMN expires_at TEXT NOT NULL DEFAULT '';
+ALTER TABLE job ADD COLUMN cached INTEGER NOT NULL DEFAULT 0;
+CREATE INDEX job_scene ON job (scene);
+CREATE INDEX job_succeeded ON job (bake_key, sequence) WHERE state = 'succeeded';
+CREATE INDEX job_expires ON job (expires_at) WHERE expires_at <> '';
+CREATE TABLE request (
+  key TEXT NOT NULL PRIMARY KEY,
+  fingerprint TEXT NOT NULL,
+  job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+CREATE INDEX request_job ON request (job);
 )sql"};
 static_assert(std::size(kMigrations) == JobStore::kSchemaVersion);
 
 constexpr std::string_view kColumns =
     "SELECT sequence, id, state, priority, attempt, crashes, version, scene, scene_bytes, settings,"
     " created_at, started_at, finished_at, stage, pass, max_passes, batches_done, batches_total,"
-    " residual, fraction, error FROM job ";
+    " residual, fraction, error, bake_key, labels, ttl_seconds, expires_at, cached FROM job ";
+constexpr std::string_view kIsOver = "state IN ('succeeded', 'failed', 'canceled') ";
 
 std::int64_t as_int(std::uint64_t value) {
   return static_cast<std::int64_t>(value);
@@ -83,13 +100,20 @@ void read_error(const std::string& text, proto::Job& job) {
   job.error = error ? *error : error.error();
 }
 
+void read_labels(const std::string& text, proto::Job& job) {
+  auto document = proto::parse_json(text, "store");
+  auto labels =
+      document ? proto::labels_from_json(*document) : tl::make_unexpected(document.error());
+  if (labels) job.labels = std::move(*labels);
+}
+
 StoredJob read_row(const Statement& row) {
   StoredJob stored;
   proto::Job& job = stored.job;
   stored.sequence = row.number(0);
   job.id = row.text(1);
   job.state = proto::job_state_from_string(row.text(2)).value();
-  stored.priority = row.number(3);
+  job.priority = static_cast<std::int32_t>(row.number(3));
   job.attempt = static_cast<std::uint32_t>(row.number(4));
   stored.crashes = static_cast<std::uint32_t>(row.number(5));
   job.version = static_cast<std::uint64_t>(row.number(6));
@@ -107,6 +131,11 @@ StoredJob read_row(const Statement& row) {
   job.progress.fraction = row.real(19);
   read_error(row.text(20), job);
   read_settings(row.text(9), job);
+  stored.bake_key = row.text(21);
+  read_labels(row.text(22), job);
+  job.ttl_seconds = static_cast<std::uint64_t>(row.number(23));
+  job.expires_at = row.text(24);
+  job.cached = row.number(25) != 0;
   return stored;
 }
 
@@ -140,19 +169,28 @@ void JobStore::migrate() {
     });
 }
 
-std::int64_t JobStore::insert(const proto::Job& job, const proto::Event& event) {
+std::int64_t JobStore::insert(const StoredJob& stored, const std::vector<proto::Event>& events,
+                              const std::vector<proto::ResultFile>& files,
+                              const std::optional<IdempotencyKey>& request) {
+  const proto::Job& job = stored.job;
   const std::string settings = proto::to_json(job.settings).dump();
   std::int64_t sequence = 0;
   const std::lock_guard lock(write_mutex_);
   writer_.transaction(Durability::kPromise, [&] {
     auto insert = writer_.prepare(
-        "INSERT INTO job (id, state, attempt, version, scene, scene_bytes, settings, created_at)"
-        " VALUES (?,?,?,?,?,?,?,?) RETURNING sequence");
+        "INSERT INTO job (id, state, attempt, version, scene, scene_bytes, settings, created_at,"
+        " bake_key, cached) VALUES (?,?,?,?,?,?,?,?,?,?) RETURNING sequence");
     insert.bind(1, job.id).bind(2, proto::to_string(job.state)).bind(3, as_int(job.attempt));
     insert.bind(4, as_int(job.version)).bind(5, job.scene_sha256).bind(6, as_int(job.scene_bytes));
-    insert.bind(7, settings).bind(8, job.created_at);
+    insert.bind(7, settings).bind(8, job.created_at).bind(9, stored.bake_key);
+    insert.bind(10, std::int64_t{job.cached});
     while (insert.step()) sequence = insert.number(0);
-    put_events(job.id, {event});
+    update(stored);
+    put_events(job.id, events);
+    put_results(job.id, files);
+    if (!request) return;
+    auto remember = writer_.prepare("INSERT INTO request (key, fingerprint, job) VALUES (?,?,?)");
+    remember.bind(1, request->key).bind(2, request->fingerprint).bind(3, job.id).step();
   });
   return sequence;
 }
@@ -172,8 +210,8 @@ void JobStore::update(const StoredJob& stored) {
   auto update = writer_.prepare(
       "UPDATE job SET state=?, priority=?, attempt=?, crashes=?, version=?, started_at=?,"
       " finished_at=?, stage=?, pass=?, max_passes=?, batches_done=?, batches_total=?, residual=?,"
-      " fraction=?, error=? WHERE id=?");
-  update.bind(1, proto::to_string(job.state)).bind(2, stored.priority);
+      " fraction=?, error=?, labels=?, ttl_seconds=?, expires_at=? WHERE id=?");
+  update.bind(1, proto::to_string(job.state)).bind(2, std::int64_t{job.priority});
   update.bind(3, as_int(job.attempt)).bind(4, as_int(stored.crashes));
   update.bind(5, as_int(job.version)).bind(6, job.started_at).bind(7, job.finished_at);
   update.bind(8, job.progress.stage).bind(9, as_int(job.progress.pass));
@@ -181,7 +219,8 @@ void JobStore::update(const StoredJob& stored) {
   update.bind(12, as_int(job.progress.batches_total)).bind(13, job.progress.residual);
   update.bind(14, job.progress.fraction);
   update.bind(15, job.error ? proto::to_json(*job.error).dump() : std::string());
-  update.bind(16, job.id).step();
+  update.bind(16, proto::to_text(job.labels)).bind(17, as_int(job.ttl_seconds));
+  update.bind(18, job.expires_at).bind(19, job.id).step();
 }
 
 void JobStore::save(const StoredJob& stored, const std::vector<proto::Event>& events,
@@ -199,12 +238,25 @@ void JobStore::finish(const StoredJob& stored, const std::vector<proto::Event>& 
   writer_.transaction(Durability::kPromise, [&] {
     update(stored);
     put_events(stored.job.id, events);
-    std::int64_t position = 0;
-    for (const auto& file : files) {
-      auto insert = writer_.prepare("INSERT INTO result VALUES (?,?,?,?,?,?)");
-      insert.bind(1, stored.job.id).bind(2, position++).bind(3, file.name);
-      insert.bind(4, file.media_type).bind(5, as_int(file.bytes)).bind(6, file.sha256).step();
-    }
+    put_results(stored.job.id, files);
+  });
+}
+
+void JobStore::put_results(const std::string& id, const std::vector<proto::ResultFile>& files) {
+  std::int64_t position = 0;
+  for (const auto& file : files) {
+    auto insert = writer_.prepare("INSERT INTO result VALUES (?,?,?,?,?,?)");
+    insert.bind(1, id).bind(2, position++).bind(3, file.name);
+    insert.bind(4, file.media_type).bind(5, as_int(file.bytes)).bind(6, file.sha256).step();
+  }
+}
+
+void JobStore::restart(const StoredJob& stored, const std::vector<proto::Event>& events) {
+  const std::lock_guard lock(write_mutex_);
+  writer_.transaction(Durability::kPromise, [&] {
+    update(stored);
+    put_events(stored.job.id, events);
+    writer_.prepare("DELETE FROM result WHERE job=?").bind(1, stored.job.id).step();
   });
 }
 
@@ -223,13 +275,66 @@ std::optional<StoredJob> JobStore::find(const std::string& id) const {
 }
 
 std::vector<StoredJob> JobStore::list(const JobFilter& filter) const {
+  std::string sql = std::string(kColumns) + "WHERE (?1='' OR state=?1) AND (?2<0 OR sequence<?2) ";
+  for (std::size_t i = 0; i < filter.labels.size(); ++i)
+    sql += "AND EXISTS (SELECT 1 FROM json_each(job.labels) WHERE key=?" +
+           std::to_string(4 + 2 * i) + " AND value=?" + std::to_string(5 + 2 * i) + ") ";
   const std::lock_guard lock(read_mutex_);
-  auto query = reader_.prepare(std::string(kColumns) +
-                               "WHERE (?1='' OR state=?1) AND (?2<0 OR sequence<?2)"
-                               " ORDER BY sequence DESC LIMIT ?3");
+  auto query = reader_.prepare(sql + "ORDER BY sequence DESC LIMIT ?3");
   query.bind(1, filter.state ? proto::to_string(*filter.state) : "");
   query.bind(2, filter.before.value_or(-1)).bind(3, as_int(filter.limit));
+  int next = 4;
+  for (const auto& [name, value] : filter.labels) {
+    query.bind(next++, name);
+    query.bind(next++, value);
+  }
   return read_all(query);
+}
+
+std::optional<StoredJob> JobStore::find_succeeded(const std::string& bake_key) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare(
+      std::string(kColumns) +
+      "WHERE state='succeeded' AND bake_key=? AND bake_key<>'' ORDER BY sequence DESC"
+      " LIMIT 1");
+  query.bind(1, bake_key);
+  if (!query.step()) return std::nullopt;
+  return read_row(query);
+}
+
+std::optional<std::pair<std::string, std::string>> JobStore::find_request(
+    const std::string& key) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare("SELECT fingerprint, job FROM request WHERE key=?");
+  query.bind(1, key);
+  if (!query.step()) return std::nullopt;
+  return std::pair(query.text(0), query.text(1));
+}
+
+bool JobStore::names_scene(const std::string& scene) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare("SELECT 1 FROM job WHERE scene=? LIMIT 1");
+  query.bind(1, scene);
+  return query.step();
+}
+
+std::vector<std::string> JobStore::expired(const std::string& now) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare("SELECT id FROM job WHERE expires_at<>'' AND expires_at<=?");
+  query.bind(1, now);
+  std::vector<std::string> ids;
+  while (query.step()) ids.push_back(query.text(0));
+  return ids;
+}
+
+std::vector<std::string> JobStore::oldest_over(std::uint32_t limit) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare("SELECT id FROM job WHERE " + std::string(kIsOver) +
+                               "ORDER BY finished_at, sequence LIMIT ?");
+  query.bind(1, as_int(limit));
+  std::vector<std::string> ids;
+  while (query.step()) ids.push_back(query.text(0));
+  return ids;
 }
 
 std::vector<StoredJob> JobStore::unfinished() const {

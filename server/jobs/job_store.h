@@ -5,6 +5,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "proto/event.h"
@@ -18,12 +19,19 @@ namespace kiln::server {
 struct StoredJob {
   proto::Job job;
   std::int64_t sequence = 0;  ///< order of submission
-  std::int64_t priority = 0;
   std::uint32_t crashes = 0;  ///< attempts in a row that ended with the process, no pass done
+  std::string bake_key;       ///< baker::bake_key()
+};
+
+/// A client's name for a request that made a job.
+struct IdempotencyKey {
+  std::string key;
+  std::string fingerprint;  ///< of what the request asked for
 };
 
 struct JobFilter {
   std::optional<proto::JobState> state;
+  std::vector<std::pair<std::string, std::string>> labels;  ///< all of them: name, value
   std::uint32_t limit = 50;
   std::optional<std::int64_t> before;  ///< sequence: only older jobs
 };
@@ -36,29 +44,43 @@ class JobStore {
   /// version.
   explicit JobStore(const std::filesystem::path&);
 
-  /// Stores a new job and its first event; on the disk when it returns. Returns its sequence.
-  std::int64_t insert(const proto::Job&, const proto::Event&);
+  /// Stores a new job with its events, its result files when it is over already, and the key of the
+  /// request; on the disk when it returns. Returns its sequence.
+  std::int64_t insert(const StoredJob&, const std::vector<proto::Event>&,
+                      const std::vector<proto::ResultFile>& = {},
+                      const std::optional<IdempotencyKey>& = {});
   /// Stores the job's new state and the events of the change in one transaction.
   void save(const StoredJob&, const std::vector<proto::Event>&, Database::Durability);
   /// The last change of a job: terminal state, events and result files. On the disk when it
   /// returns.
   void finish(const StoredJob&, const std::vector<proto::Event>&,
               const std::vector<proto::ResultFile>&);
+  /// A job that was over is queued again: its result files are forgotten. On the disk when it
+  /// returns.
+  void restart(const StoredJob&, const std::vector<proto::Event>&);
   void remove(const std::string& id);
 
   std::optional<StoredJob> find(const std::string& id) const;
   std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
   std::vector<StoredJob> unfinished() const;            ///< oldest first
+  /// The newest job with this key that succeeded.
+  std::optional<StoredJob> find_succeeded(const std::string& bake_key) const;
+  /// The fingerprint and job id of a request.
+  std::optional<std::pair<std::string, std::string>> find_request(const std::string& key) const;
+  bool names_scene(const std::string& scene) const;                 ///< any job does
+  std::vector<std::string> expired(const std::string& now) const;   ///< ids; RFC 3339
+  std::vector<std::string> oldest_over(std::uint32_t limit) const;  ///< ids of jobs that are over
   std::vector<proto::Event> events_after(const std::string& id, std::uint64_t after) const;
   std::vector<proto::ResultFile> results(const std::string& id) const;
 
   bool writable();  ///< whether a transaction can be written now
 
-  static constexpr int kSchemaVersion = 1;
+  static constexpr int kSchemaVersion = 2;
 
  private:
   void migrate();
   void put_events(const std::string& id, const std::vector<proto::Event>&);
+  void put_results(const std::string& id, const std::vector<proto::ResultFile>&);
   void update(const StoredJob&);
 
   std::mutex write_mutex_;

@@ -21,7 +21,8 @@ struct LiveJob {
 
   const std::string id;
   std::shared_ptr<EventRing> ring;
-  std::stop_source stop;
+  std::stop_source stop;    ///< as soon as possible, without a result
+  std::stop_source enough;  ///< with the light of the passes that are done
 
   mutable std::mutex mutex;  ///< guards what follows
   StoredJob stored;

@@ -2,10 +2,12 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
+#include <set>
 #include <system_error>
 
 namespace kiln::server {
@@ -55,6 +57,30 @@ void DataFolder::remove_checkpoints(const std::string& id) const {
   fs::remove_all(checkpoints(id), error);
 }
 
+proto::Expected<void> DataFolder::link_results(const std::string& from, const std::string& to,
+                                               const std::vector<proto::ResultFile>& files) const {
+  if (auto made = make_folder(results(to)); !made) return made;
+  for (const auto& file : files) {
+    std::error_code error;
+    fs::create_hard_link(results(from) / file.name, results(to) / file.name, error);
+    if (!error) continue;
+    errno = error.value();
+    return proto::storage_error("link", results(from) / file.name);
+  }
+  if (auto ok = proto::sync_folder(results(to)); !ok) return ok;
+  if (auto ok = proto::sync_folder(job(to)); !ok) return ok;
+  return proto::sync_folder(root_ / "jobs");
+}
+
+std::vector<std::string> DataFolder::job_folders() const {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator at(root_ / "jobs", error), end; !error && at != end;
+       at.increment(error))
+    names.push_back(at->path().filename().string());
+  return names;
+}
+
 fs::path DataFolder::new_temporary() const {
   static std::atomic<std::uint64_t> counter{0};
   return temporary() / ("u" + std::to_string(++counter));
@@ -67,6 +93,22 @@ bool DataFolder::writable() const {
   const bool written = ::write(fd.get(), "x", 1) == 1;
   ::unlink(probe.c_str());
   return written;
+}
+
+std::uint64_t DataFolder::bytes() const {
+  std::uint64_t total = 0;
+  std::set<ino_t> counted;
+  for (const auto& folder : {scenes(), root_ / "jobs"}) {
+    std::error_code error;
+    for (fs::recursive_directory_iterator at(folder, error), end; !error && at != end;
+         at.increment(error)) {
+      struct stat info {};
+      if (::lstat(at->path().c_str(), &info) != 0 || !S_ISREG(info.st_mode)) continue;
+      if (info.st_nlink == 1 || counted.insert(info.st_ino).second)
+        total += static_cast<std::uint64_t>(info.st_size);
+    }
+  }
+  return total;
 }
 
 double DataFolder::free_share() const {

@@ -1,10 +1,13 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "proto/expected.h"
 #include "proto/files.h"
+#include "proto/manifest.h"
 
 namespace kiln::server {
 
@@ -30,13 +33,18 @@ class DataFolder {
   proto::Expected<void> make_job_folders(const std::string& id) const;
   void remove_job(const std::string& id) const;
   void remove_checkpoints(const std::string& id) const;
+  /// Gives the result files of one job to another, which has none: as hard links. Durable.
+  proto::Expected<void> link_results(const std::string& from, const std::string& to,
+                                     const std::vector<proto::ResultFile>&) const;
+  std::vector<std::string> job_folders() const;  ///< names under jobs/
 
   /// A new name in tmp/, unique within this process.
   std::filesystem::path new_temporary() const;
 
   /// Whether a small file can be written now.
   bool writable() const;
-  double free_share() const;  ///< of the disk, 0..1
+  double free_share() const;    ///< of the disk, 0..1
+  std::uint64_t bytes() const;  ///< of scenes and jobs; a file with several names counts once
 
  private:
   DataFolder(std::filesystem::path root, proto::Fd lock)

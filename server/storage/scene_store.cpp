@@ -77,7 +77,7 @@ SceneIdentity identify_scene(const std::string& main_sha256, std::vector<Uploade
 
 proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
   const SceneIdentity identity = identify_scene(upload.main->sha256, upload.side);
-  if (auto known = find(identity.key)) return Put{std::move(*known), false};
+  if (auto known = use(identity.key)) return Put{std::move(*known), false};
 
   sort_by_name(upload.side);
   const fs::path main = upload.main->path;
@@ -97,7 +97,7 @@ proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
     return proto::storage_error("rename", upload.folder());
   }
   if (auto ok = proto::sync_folder(data_.scenes()); !ok) return proto::Unexpected(ok.error());
-  auto stored = find(identity.key);
+  auto stored = use(identity.key);
   if (!stored) return proto::Unexpected(stored.error());
   return Put{std::move(*stored), !lost_race};
 }
@@ -133,6 +133,39 @@ proto::Expected<StoredScene> SceneStore::find(const std::string& key) const {
     if (error) return proto::fail("internal", "A file of scene " + key + " is missing.");
   }
   return scene;
+}
+
+proto::Expected<StoredScene> SceneStore::use(const std::string& key) const {
+  const std::lock_guard lock(mutex_);
+  auto scene = find(key);
+  if (!scene) return scene;
+  std::error_code error;
+  fs::last_write_time(data_.scenes() / key, fs::file_time_type::clock::now(), error);
+  if (!error) return scene;
+  errno = error.value();
+  return proto::storage_error("mark", data_.scenes() / key);
+}
+
+std::vector<std::string> SceneStore::collect(
+    std::chrono::seconds age, const std::function<bool(const std::string&)>& is_named) const {
+  std::vector<std::string> collected;
+  std::error_code error;
+  for (fs::directory_iterator at(data_.scenes(), error), end; !error && at != end;
+       at.increment(error)) {
+    const std::string key = at->path().filename().string();
+    const fs::path away = data_.new_temporary();
+    std::error_code failed;
+    {
+      const std::lock_guard lock(mutex_);
+      const auto used = fs::last_write_time(at->path(), failed);
+      if (failed || fs::file_time_type::clock::now() - used < age || is_named(key)) continue;
+      fs::rename(at->path(), away, failed);
+    }
+    if (failed) continue;
+    fs::remove_all(away, failed);
+    collected.push_back(key);
+  }
+  return collected;
 }
 
 }  // namespace kiln::server

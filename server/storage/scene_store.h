@@ -1,7 +1,10 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -66,9 +69,16 @@ class SceneStore {
   proto::Expected<Put> put(SceneUpload&&) const;
   /// Errors: `not_found`.
   proto::Expected<StoredScene> find(const std::string& key) const;
+  /// find() for a job to come: collect() leaves the scene alone for a while. Same errors.
+  proto::Expected<StoredScene> use(const std::string& key) const;
+  /// Removes the scenes that were neither put nor used for `age` and that `is_named` does not know.
+  /// Returns their keys.
+  std::vector<std::string> collect(
+      std::chrono::seconds age, const std::function<bool(const std::string& key)>& is_named) const;
 
  private:
   const DataFolder& data_;
+  mutable std::mutex mutex_;  ///< between use() and collect(): a scene is marked, or gone
 };
 
 /// The key and the index text of an upload, as described at SceneStore.

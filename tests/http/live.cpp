@@ -100,7 +100,8 @@ Answer ask(std::uint16_t port, const std::string& method, const std::string& tar
   const Wire wire(port);
   std::string head = method + " " + target + " HTTP/1.1\r\nHost: test\r\nConnection: close\r\n";
   for (const auto& header : headers) head += header + "\r\n";
-  if (method == "POST") head += "Content-Length: " + std::to_string(body.size()) + "\r\n";
+  if (!body.empty() || method == "POST")
+    head += "Content-Length: " + std::to_string(body.size()) + "\r\n";
   wire.send(head + "\r\n" + body);
   const std::string text = wire.read({}, std::chrono::seconds(60));
   Answer answer;
@@ -117,7 +118,8 @@ std::string form(const std::vector<std::pair<std::string, std::string>>& parts) 
 
 std::string post_job(std::uint16_t port) {
   const Answer answer = ask(port, "POST", "/v1/jobs", {kForm},
-                            form({{"name=\"scene\"; filename=\"a.glb\"", "glTF"}}));
+                            form({{"name=\"scene\"; filename=\"a.glb\"", "glTF"},
+                                  {"name=\"options\"", R"({"dedupe":false})"}}));
   EXPECT_EQ(answer.status, 202) << answer.body;
   return member(answer.body, "id");
 }

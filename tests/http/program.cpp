@@ -179,7 +179,7 @@ std::filesystem::path write_small_scene(const std::filesystem::path& folder) {
 }
 
 std::string job_form(const std::filesystem::path& scene, const std::string& settings) {
-  return "-F scene=@" + scene.string() +
+  return "-F scene=@" + scene.string() + R"( --form-string 'options={"dedupe":false}')" +
          (settings.empty() ? " " : " --form-string 'settings=" + settings + "' ");
 }
 

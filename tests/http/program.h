@@ -63,7 +63,8 @@ std::filesystem::path write_scene(const std::filesystem::path& folder, const std
 /// default settings bake it within a second or two.
 std::filesystem::path write_small_scene(const std::filesystem::path& folder);
 
-/// Arguments for curl that post a job: the scene, and settings unless empty.
+/// Arguments for curl that post a job, which is baked whatever was baked before: the scene, and
+/// settings unless empty.
 std::string job_form(const std::filesystem::path& scene, const std::string& settings = "");
 
 /// Posts a job by curl; returns its id.

@@ -215,6 +215,105 @@ TEST(Routes, CancelAndNotReady) {
   EXPECT_EQ(ask(live.port(), "GET", path + "/results").status, 404);
 }
 
+Answer post_options(std::uint16_t port, const std::string& options, const std::string& key = "",
+                    const std::string& scene = "glTF") {
+  std::vector<std::string> headers{kForm};
+  if (!key.empty()) headers.push_back("Idempotency-Key: " + key);
+  return ask(port, "POST", "/v1/jobs", headers,
+             form({{"name=\"scene\"; filename=\"a.glb\"", scene}, {"name=\"options\"", options}}));
+}
+
+TEST(Routes, ARequestThatIsSentAgainMakesNoSecondJob) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const Answer first = post_options(live.port(), "{}", "abc");
+  EXPECT_EQ(first.status, 202) << first.body;
+  EXPECT_FALSE(first.headers.contains("idempotent-replayed"));
+  const std::string path = first.headers.at("location");
+  ask(live.port(), "GET", path + "?wait=20");
+  const Answer again = post_options(live.port(), "{}", "abc");
+  EXPECT_EQ(again.status, 200) << "over by now";
+  EXPECT_EQ(again.headers.at("idempotent-replayed"), "true");
+  EXPECT_EQ(again.headers.at("location"), path);
+  const Answer other = post_options(live.port(), R"({"priority":1})", "abc");
+  EXPECT_EQ(other.status, 422);
+  EXPECT_EQ(member(other.body, "code"), "idempotency_mismatch");
+  EXPECT_EQ(post_options(live.port(), "{}", "no blanks").status, 400);
+  const Answer twin = post_options(live.port(), "{}");
+  EXPECT_EQ(twin.status, 200);
+  EXPECT_EQ(member(twin.body, "cached"), "true");
+  EXPECT_EQ(ask(live.port(), "GET", twin.headers.at("location") + "/results/page_00.exr").body,
+            std::string(100'000, 'p'));
+  EXPECT_EQ(ask(live.port(), "GET", twin.headers.at("location") + "/events").status, 200);
+  EXPECT_EQ(fake.started, 1);
+  EXPECT_EQ(post_options(live.port(), R"({"dedupe":false})").status, 202);
+}
+
+TEST(Routes, OptionsAreKeptListedAndChanged) {
+  FakeBake fake;
+  const Live live(fake.holding());
+  const Answer made = post_options(
+      live.port(), R"({"priority":3,"labels":{"team":"a b&c","n":"1"},"ttl_seconds":60})");
+  ASSERT_EQ(made.status, 202) << made.body;
+  post_options(live.port(), R"({"labels":{"team":"a b&c"}})");
+  const std::string path = made.headers.at("location"), id = member(made.body, "id");
+  EXPECT_EQ(member(made.body, "priority"), "3");
+  EXPECT_EQ(member(made.body, "ttl_seconds"), "60");
+  const Answer page = ask(live.port(), "GET", "/v1/jobs?label=team:a%20b%26c&limit=1");
+  ASSERT_TRUE(page.headers.contains("link")) << page.body;
+  const std::string link = page.headers.at("link");
+  const Answer rest = ask(live.port(), "GET", link.substr(1, link.find('>') - 1));
+  EXPECT_NE(rest.body.find(id), std::string::npos) << "the label is part of the next page's link";
+  EXPECT_EQ(member(ask(live.port(), "GET", "/v1/jobs?label=n:2").body, "items"), "[]");
+  EXPECT_EQ(ask(live.port(), "GET", "/v1/jobs?label=team").status, 400);
+
+  EXPECT_EQ(wait_for_state(live.port(), id, "running"), "running");
+  const Answer patched =
+      ask(live.port(), "PATCH", path, {}, R"({"labels":{"n":null,"x":"y"},"ttl_seconds":0})");
+  EXPECT_EQ(patched.status, 200) << patched.body;
+  EXPECT_EQ(member(patched.body, "labels"), R"({"team":"a b&c","x":"y"})");
+  EXPECT_EQ(ask(live.port(), "PATCH", path, {"If-Match: \"1\""}, "{}").status, 412);
+  EXPECT_EQ(ask(live.port(), "PATCH", path, {"If-Match: *"}, "{}").status, 200);
+  EXPECT_EQ(ask(live.port(), "POST", path + "/retry").status, 409);
+  EXPECT_EQ(ask(live.port(), "POST", path + "/cancel", {}, R"({"mode":"later"})").status, 422);
+  EXPECT_EQ(ask(live.port(), "POST", path + "/cancel", {}, R"({"mode":"drain"})").status, 202);
+  EXPECT_EQ(wait_for_state(live.port(), id, "canceled"), "canceled");
+  EXPECT_EQ(ask(live.port(), "GET", path + "/results/page_00.exr").status, 200) << "what was done";
+  const Answer again = ask(live.port(), "POST", path + "/retry", {}, R"({"from":"start"})");
+  EXPECT_EQ(again.status, 202);
+  EXPECT_EQ(member(again.body, "attempt"), "2");
+  fake.go = true;
+  EXPECT_EQ(wait_for_state(live.port(), id, "succeeded"), "succeeded");
+  const Answer over = ask(live.port(), "GET", path);
+  EXPECT_EQ(ask(live.port(), "PATCH", path, {"If-Match: " + over.headers.at("etag")},
+                R"({"ttl_seconds":9})")
+                .status,
+            200);
+  EXPECT_NE(member(ask(live.port(), "GET", path).body, "expires_at"), "null");
+}
+
+TEST(Routes, WrongOptionsAreNamed) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  for (const auto& [options, pointer] :
+       std::vector<std::pair<std::string, std::string>>{{R"({"priority":101})", "/priority"},
+                                                        {R"({"priority":1.5})", "/priority"},
+                                                        {R"({"prio":1})", "/prio"},
+                                                        {R"({"ttl_seconds":-1})", "/ttl_seconds"},
+                                                        {R"({"dedupe":"no"})", "/dedupe"},
+                                                        {R"({"labels":[]})", "/labels"},
+                                                        {R"({"labels":{"a b":"c"}})", "/labels"},
+                                                        {R"({"labels":{"a":1}})", "/labels/a"},
+                                                        {R"({"labels":{"a":null}})", "/labels/a"},
+                                                        {"[]", ""}}) {
+    const Answer answer = post_options(live.port(), options);
+    EXPECT_EQ(answer.status, 422) << options;
+    EXPECT_EQ(member(answer.body, "code"), "invalid_request");
+    EXPECT_NE(answer.body.find("\"pointer\": \"" + pointer + "\""), std::string::npos)
+        << answer.body;
+  }
+}
+
 TEST(Routes, EveryErrorCodeIsInTheDocumentation) {
   std::ifstream in(LIGHTKILN_SOURCE_DIR "/docs/http-api.md");
   const std::string text(std::istreambuf_iterator<char>(in), {});

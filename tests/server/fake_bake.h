@@ -24,7 +24,7 @@ class FakeBake {
       return finish(input, observer, passes);
     };
   }
-  /// Holds in the stage `solve` until go or stop, reporting progress all the time.
+  /// Holds in the stage `solve` until go, enough or stop, reporting progress all the time.
   BakeFunction holding() {
     return [this](const baker::BakeInput& input, baker::ThreadPool&, std::stop_token stop,
                   baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
@@ -32,7 +32,7 @@ class FakeBake {
       observer.on_stage("import");
       observer.on_stage("solve");
       proto::JobProgress progress{"solve", 0, 16, 0, 1000, 1, 0};
-      while (!go) {
+      while (!go && !input.enough.stop_requested()) {
         if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "Stopped.");
         ++progress.batches_done;
         observer.on_progress(progress);

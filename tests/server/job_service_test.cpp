@@ -1,71 +1,10 @@
-#include "server/jobs/job_service.h"
-
-#include <gtest/gtest.h>
-
 #include <new>
-#include <optional>
 #include <stdexcept>
 
-#include "fake_bake.h"
-#include "support/temp_files.h"
+#include "job_service_fixture.h"
 
 namespace kiln::server {
 namespace {
-
-using namespace std::chrono_literals;
-using proto::JobState;
-
-/// A queue on a folder of its own, which can be torn down and started again on the same data.
-class JobServiceTest : public ::testing::Test {
- protected:
-  struct Process {
-    DataFolder data;
-    JobStore store;
-    SceneStore scenes;
-    baker::ThreadPool pool{1};
-    JobService jobs;
-    Process(const std::filesystem::path& path, const BakeFunction& bake, JobLimits limits)
-        : data(DataFolder::open(path).value()),
-          store(data.database()),
-          scenes(data),
-          jobs(data, store, scenes, pool, bake, limits) {}
-  };
-
-  void start(const BakeFunction& bake, JobLimits limits = {}) {
-    process_.reset();
-    process_.emplace(folder_.path(), bake, limits);
-  }
-  JobService& jobs() { return process_->jobs; }
-
-  StoredScene scene() {
-    auto upload = SceneUpload::create(process_->data);
-    auto file = proto::HashingFile::create(upload->next_path());
-    EXPECT_TRUE(file->write("glTF"));
-    const std::string hash = file->finish().value();
-    upload->main = UploadedFile{"", file->path(), 4, hash};
-    return process_->scenes.put(std::move(*upload))->scene;
-  }
-  std::string submit() { return jobs().submit(scene(), {}).value().id; }
-  proto::Job wait(const std::string& id) { return jobs().wait(id, 20s).value(); }
-  /// Waits until the job is in `state`.
-  void reach(const std::string& id, JobState state) {
-    for (int i = 0; i < 2000; ++i) {
-      if (jobs().get(id)->state == state) return;
-      std::this_thread::sleep_for(5ms);
-    }
-    FAIL() << "the job did not get there";
-  }
-  std::vector<proto::Event> events(const std::string& id) {
-    return jobs().events(id)->after(0).events;
-  }
-  static void expect_no_holes(const std::vector<proto::Event>& events) {
-    for (std::size_t i = 0; i < events.size(); ++i) EXPECT_EQ(events[i].id, i + 1);
-  }
-
-  test::TempFolder folder_;
-  FakeBake fake_;
-  std::optional<Process> process_;
-};
 
 TEST_F(JobServiceTest, RunsAJobToItsEnd) {
   start(fake_.instant());
@@ -105,7 +44,7 @@ TEST_F(JobServiceTest, BoundsTheQueue) {
   reach(first, JobState::kRunning);
   submit();
   submit();
-  EXPECT_EQ(jobs().submit(scene(), {}).error().code, "queue_full");
+  EXPECT_EQ(jobs().submit(submission()).error().code, "queue_full");
   EXPECT_EQ(jobs().accepting().error().code, "queue_full");
   fake_.go = true;
 }
@@ -167,7 +106,7 @@ TEST_F(JobServiceTest, ADrainPutsRunningJobsBackIntoTheQueue) {
   const std::string running = submit(), queued = submit();
   reach(running, JobState::kRunning);
   jobs().begin_drain();
-  EXPECT_EQ(jobs().submit(scene(), {}).error().code, "draining");
+  EXPECT_EQ(jobs().submit(submission()).error().code, "draining");
   EXPECT_FALSE(jobs().wait_idle(50ms));
   const auto before = jobs().get(running)->version;
   jobs().stop();

@@ -12,22 +12,30 @@ namespace {
 
 using proto::JobState;
 
-proto::Job new_job() {
-  proto::Job job;
+StoredJob new_job() {
+  StoredJob stored;
+  proto::Job& job = stored.job;
   job.id = new_id("job_");
   job.scene_sha256 = std::string(64, 'a');
   job.scene_bytes = 7;
   job.settings.solver.samples = 17;
   job.created_at = now_rfc3339();
-  return job;
+  return stored;
 }
 
 TEST(JobStore, KeepsEverythingOverAReopen) {
   const test::TempFolder folder;
-  proto::Job job = new_job();
+  StoredJob stored = new_job();
+  const std::string id = stored.job.id;
   {
     JobStore store(folder.path() / "jobs.db");
-    StoredJob stored{job, store.insert(job, {1, "job.state", "{}"}), 0, 2};
+    stored.bake_key = "key";
+    stored.sequence = store.insert(stored, {{1, "job.state", "{}"}});
+    stored.crashes = 2;
+    stored.job.priority = -7;
+    stored.job.labels = {{"team", "light's \"house\""}};
+    stored.job.ttl_seconds = 60;
+    stored.job.expires_at = "2030-01-01T00:00:00.000Z";
     stored.job.state = JobState::kFailed;
     stored.job.version = 5;
     stored.job.progress = {"solve", 3, 16, 4, 9, 0.25, 0.5};
@@ -36,22 +44,31 @@ TEST(JobStore, KeepsEverythingOverAReopen) {
                  {{"a.exr", "image/x-exr", 5, std::string(64, 'b')}});
   }
   JobStore store(folder.path() / "jobs.db");
-  const auto found = store.find(job.id);
+  const auto found = store.find(id);
   ASSERT_TRUE(found);
   EXPECT_EQ(found->job.state, JobState::kFailed);
   EXPECT_EQ(found->job.version, 5u);
   EXPECT_EQ(found->crashes, 2u);
+  EXPECT_EQ(found->bake_key, "key");
+  EXPECT_EQ(found->job.priority, -7);
+  EXPECT_EQ(found->job.labels, stored.job.labels);
+  EXPECT_EQ(found->job.ttl_seconds, 60u);
+  EXPECT_EQ(found->job.expires_at, stored.job.expires_at);
+  EXPECT_EQ(store.expired("2030-01-01T00:00:00.000Z"), std::vector<std::string>{id});
+  EXPECT_TRUE(store.expired("2029-12-31T23:59:59.999Z").empty());
   EXPECT_EQ(found->job.settings.solver.samples, 17u);
   EXPECT_EQ(found->job.progress.pass, 3u);
   EXPECT_DOUBLE_EQ(found->job.progress.residual, 0.25);
   EXPECT_EQ(found->job.error->details.at(0).pointer, "/nodes");
-  EXPECT_EQ(store.events_after(job.id, 1).size(), 2u);
-  EXPECT_EQ(store.results(job.id).at(0).bytes, 5u);
+  EXPECT_EQ(store.events_after(id, 1).size(), 2u);
+  EXPECT_EQ(store.results(id).at(0).bytes, 5u);
   EXPECT_TRUE(store.unfinished().empty());
-  store.remove(job.id);
-  EXPECT_FALSE(store.find(job.id));
-  EXPECT_TRUE(store.events_after(job.id, 0).empty());
-  EXPECT_TRUE(store.results(job.id).empty());
+  EXPECT_TRUE(store.names_scene(stored.job.scene_sha256));
+  store.remove(id);
+  EXPECT_FALSE(store.names_scene(stored.job.scene_sha256));
+  EXPECT_FALSE(store.find(id));
+  EXPECT_TRUE(store.events_after(id, 0).empty());
+  EXPECT_TRUE(store.results(id).empty());
 }
 
 TEST(JobStore, ListsNewestFirstByPageAndState) {
@@ -59,45 +76,111 @@ TEST(JobStore, ListsNewestFirstByPageAndState) {
   JobStore store(folder.path() / "jobs.db");
   std::vector<std::string> ids;
   for (int i = 0; i < 5; ++i) {
-    proto::Job job = new_job();
-    if (i == 2) job.state = JobState::kSucceeded;
-    store.insert(job, {1, "job.state", "{}"});
-    ids.push_back(job.id);
+    StoredJob stored = new_job();
+    if (i == 2) stored.job.state = JobState::kSucceeded;
+    if (i % 2 == 0) stored.job.labels = {{"parity", "even"}, {"i", std::to_string(i)}};
+    store.insert(stored, {{1, "job.state", "{}"}});
+    ids.push_back(stored.job.id);
   }
-  const auto first = store.list({std::nullopt, 2, std::nullopt});
+  const auto first = store.list({std::nullopt, {}, 2, std::nullopt});
   ASSERT_EQ(first.size(), 2u);
   EXPECT_EQ(first[0].job.id, ids[4]);
-  const auto second = store.list({std::nullopt, 2, first[1].sequence});
+  const auto second = store.list({std::nullopt, {}, 2, first[1].sequence});
   EXPECT_EQ(second.at(0).job.id, ids[2]);
-  const auto done = store.list({JobState::kSucceeded, 10, std::nullopt});
+  const auto done = store.list({JobState::kSucceeded, {}, 10, std::nullopt});
   ASSERT_EQ(done.size(), 1u);
   EXPECT_EQ(done[0].job.id, ids[2]);
   EXPECT_EQ(store.unfinished().size(), 4u);
+  EXPECT_EQ(store.list({std::nullopt, {{"parity", "even"}}, 10, std::nullopt}).size(), 3u);
+  const auto one = store.list({std::nullopt, {{"parity", "even"}, {"i", "4"}}, 10, std::nullopt});
+  ASSERT_EQ(one.size(), 1u);
+  EXPECT_EQ(one[0].job.id, ids[4]);
+  EXPECT_TRUE(store.list({std::nullopt, {{"parity", "' OR 1=1"}}, 10, std::nullopt}).empty());
 }
 
 TEST(JobStore, ForgetsOldEventsOfLongJobs) {
   const test::TempFolder folder;
   JobStore store(folder.path() / "jobs.db");
-  const proto::Job job = new_job();
-  const StoredJob stored{job, store.insert(job, {1, "job.state", "{}"}), 0, 0};
+  const StoredJob stored = new_job();
+  const std::string id = stored.job.id;
+  store.insert(stored, {{1, "job.state", "{}"}});
   std::vector<proto::Event> events;
-  for (std::uint64_t id = 2; id <= 3000; ++id) events.push_back({id, "job.progress", "{}"});
+  for (std::uint64_t n = 2; n <= 3000; ++n) events.push_back({n, "job.progress", "{}"});
   store.save(stored, events, Database::Durability::kProgress);
-  const auto kept = store.events_after(job.id, 0);
+  const auto kept = store.events_after(id, 0);
   EXPECT_EQ(kept.back().id, 3000u);
   EXPECT_GE(kept.size(), EventRing::kCapacity);
   EXPECT_LT(kept.size(), EventRing::kCapacity + 64);
+}
+
+void run_sql(const std::filesystem::path& path, const std::string& sql) {
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
+  char* error = nullptr;
+  EXPECT_EQ(sqlite3_exec(db, sql.c_str(), nullptr, nullptr, &error), SQLITE_OK) << error;
+  sqlite3_close(db);
 }
 
 TEST(JobStore, RefusesAStoreOfALaterVersion) {
   const test::TempFolder folder;
   const auto path = folder.path() / "jobs.db";
   { const JobStore store(path); }
-  sqlite3* db = nullptr;
-  ASSERT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
-  ASSERT_EQ(sqlite3_exec(db, "PRAGMA user_version=99", nullptr, nullptr, nullptr), SQLITE_OK);
-  sqlite3_close(db);
+  run_sql(path, "PRAGMA user_version=99");
   EXPECT_THROW(JobStore{path}, DatabaseError);
+}
+
+// The store as version 1 of the schema wrote it, with a job that runs and one that is over.
+constexpr const char* kStoreOfVersion1 = R"sql(
+CREATE TABLE job (
+  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, state TEXT NOT NULL,
+  priority INTEGER NOT NULL DEFAULT 0, attempt INTEGER NOT NULL,
+  crashes INTEGER NOT NULL DEFAULT 0, version INTEGER NOT NULL, scene TEXT NOT NULL,
+  scene_bytes INTEGER NOT NULL, settings TEXT NOT NULL, created_at TEXT NOT NULL,
+  started_at TEXT NOT NULL DEFAULT '', finished_at TEXT NOT NULL DEFAULT '',
+  stage TEXT NOT NULL DEFAULT '', pass INTEGER NOT NULL DEFAULT 0,
+  max_passes INTEGER NOT NULL DEFAULT 0, batches_done INTEGER NOT NULL DEFAULT 0,
+  batches_total INTEGER NOT NULL DEFAULT 0, residual REAL NOT NULL DEFAULT 1,
+  fraction REAL NOT NULL DEFAULT 0, error TEXT NOT NULL DEFAULT '') STRICT;
+CREATE INDEX job_unfinished ON job (priority DESC, sequence)
+  WHERE state NOT IN ('succeeded', 'failed', 'canceled');
+CREATE TABLE event (
+  job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE, id INTEGER NOT NULL,
+  type TEXT NOT NULL, data TEXT NOT NULL, PRIMARY KEY (job, id)) STRICT, WITHOUT ROWID;
+CREATE TABLE result (
+  job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE, position INTEGER NOT NULL,
+  name TEXT NOT NULL, media_type TEXT NOT NULL, bytes INTEGER NOT NULL, sha256 TEXT NOT NULL,
+  PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;
+INSERT INTO job (id, state, attempt, version, scene, scene_bytes, settings, created_at)
+  VALUES ('job_a', 'running', 1, 9, 's', 4, '{"solver":{"samples":17}}', '2026-01-01T00:00:00.000Z'),
+         ('job_b', 'succeeded', 1, 9, 's', 4, '{}', '2026-01-01T00:00:00.000Z');
+INSERT INTO event VALUES ('job_a', 1, 'job.state', '{}');
+INSERT INTO result VALUES ('job_b', 0, 'page_00.exr', 'image/x-exr', 5, 'digest');
+PRAGMA user_version=1;
+)sql";
+
+TEST(JobStore, TakesOverAStoreOfVersion1) {
+  const test::TempFolder folder;
+  const auto path = folder.path() / "jobs.db";
+  run_sql(path, kStoreOfVersion1);
+  for (int start = 0; start < 2; ++start) {  // the second finds it migrated
+    JobStore store(path);
+    const auto running = store.unfinished();
+    ASSERT_EQ(running.size(), 1u);
+    EXPECT_EQ(running[0].job.id, "job_a");
+    EXPECT_EQ(running[0].job.settings.solver.samples, 17u);
+    EXPECT_TRUE(running[0].job.labels.empty());
+    EXPECT_EQ(running[0].job.ttl_seconds, 0u) << "kept for ever, as before";
+    EXPECT_FALSE(running[0].job.cached);
+    EXPECT_EQ(store.events_after("job_a", 0).size(), 1u);
+    EXPECT_EQ(store.results("job_b").at(0).bytes, 5u);
+    EXPECT_FALSE(store.find_succeeded("")) << "a job without a key is no one's twin";
+    EXPECT_TRUE(store.writable());
+  }
+  JobStore store(path);
+  StoredJob job = store.find("job_a").value();
+  job.job.labels = {{"a", "b"}};
+  store.save(job, {}, Database::Durability::kPromise);
+  EXPECT_EQ(store.find("job_a")->job.labels, job.job.labels);
 }
 
 TEST(EventRing, HandsOutWhatComesAfterAnId) {

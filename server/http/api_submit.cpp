@@ -1,0 +1,121 @@
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
+#include "server/http/api.h"
+#include "server/http/problem.h"
+
+namespace kiln::server {
+namespace {
+
+constexpr std::size_t kMaxIdempotencyKey = 255;
+
+proto::Unexpected refuse(const char* pointer, const std::string& what) {
+  return proto::fail("invalid_request", what, "request", pointer);
+}
+
+proto::Expected<std::string> idempotency_key(const Request& request) {
+  const std::string* key = request.head.header("idempotency-key");
+  if (!key) return std::string();
+  const bool fits =
+      !key->empty() && key->size() <= kMaxIdempotencyKey &&
+      std::all_of(key->begin(), key->end(), [](char c) { return c > ' ' && c <= '~'; });
+  if (fits) return *key;
+  return proto::fail("bad_request",
+                     "The Idempotency-Key has to be 1 to 255 visible ASCII characters.", "request",
+                     "/headers/idempotency-key");
+}
+
+// "sha256:<digest>" without the prefix; "" when it is something else.
+std::string scene_key(const nlohmann::json& document) {
+  constexpr std::string_view kPrefix = "sha256:";
+  const auto named = document.find("scene");
+  if (named == document.end() || !named->is_string()) return {};
+  const std::string name = named->get<std::string>();
+  if (!name.starts_with(kPrefix) || !proto::is_sha256(name.substr(kPrefix.size()))) return {};
+  return name.substr(kPrefix.size());
+}
+
+}  // namespace
+
+// The body as a JSON object; nothing when there is no body.
+proto::Expected<std::optional<nlohmann::json>> Api::read_json_object(Request& request) {
+  auto text = receive_text(request, config_.max_request_json_bytes);
+  if (!text) return proto::Unexpected(text.error());
+  if (text->empty()) return std::nullopt;
+  auto document = proto::parse_json(*text, "request");
+  if (!document) return proto::Unexpected(document.error());
+  if (!document->is_object()) return refuse("", "The body has to be a JSON object.");
+  return std::move(*document);
+}
+
+// {"scene": "sha256:...", "settings": {...}, and options}
+proto::Expected<Submission> Api::read_json_job(Request& request) {
+  auto body = read_json_object(request);
+  if (!body) return proto::Unexpected(body.error());
+  nlohmann::json document = body->value_or(nlohmann::json::object());
+  Submission job;
+  nlohmann::json options = document;
+  options.erase("scene");
+  options.erase("settings");
+  auto parsed = proto::job_options_from_json(options);
+  if (!parsed) return proto::Unexpected(parsed.error());
+  job.options = std::move(*parsed);
+  const std::string key = scene_key(document);
+  if (key.empty())
+    return refuse("/scene",
+                  "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
+                  "POST /v1/scenes answered.");
+  auto scene = scenes_.use(key);
+  if (!scene) return proto::Unexpected(scene.error());
+  job.scene = std::move(*scene);
+  if (const auto given = document.find("settings"); given != document.end()) {
+    auto settings = proto::settings_from_json(*given);
+    if (!settings) return proto::Unexpected(settings.error());
+    job.settings = std::move(*settings);
+  }
+  if (auto ok = check_(job.scene.files, job.settings); !ok) return proto::Unexpected(ok.error());
+  return job;
+}
+
+proto::Expected<Submission> Api::read_job_request(Request& request) {
+  if (media_type(request.head) == "application/json") return read_json_job(request);
+  auto upload =
+      receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
+                     /*for_job=*/true);
+  if (!upload) return proto::Unexpected(upload.error());
+  Submission job;
+  auto settings = proto::parse_settings(upload->settings.value_or(""));
+  if (!settings) return proto::Unexpected(settings.error());
+  job.settings = std::move(*settings);
+  if (upload->options) {
+    auto document = proto::parse_json(*upload->options, "request");
+    if (!document) return proto::Unexpected(document.error());
+    auto options = proto::job_options_from_json(*document);
+    if (!options) return proto::Unexpected(options.error());
+    job.options = std::move(*options);
+  }
+  if (auto ok = check_(upload->scene.files(), job.settings); !ok)
+    return proto::Unexpected(ok.error());
+  auto put = scenes_.put(std::move(upload->scene));
+  if (!put) return proto::Unexpected(put.error());
+  job.scene = std::move(put->scene);
+  return job;
+}
+
+Response Api::post_job(Request& request) {
+  auto key = idempotency_key(request);
+  if (!key) return problem(key.error(), request);
+  if (auto open = jobs_.accepting(*key); !open) return problem(open.error(), request);
+  auto input = read_job_request(request);
+  if (!input) return problem(input.error(), request);
+  input->idempotency_key = *key;
+  auto submitted = jobs_.submit(*input);
+  if (!submitted) return problem(submitted.error(), request);
+  const proto::Job& job = submitted->job;
+  Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);
+  if (submitted->replayed) response.header("Idempotent-Replayed", "true");
+  return response.header("Location", "/v1/jobs/" + job.id);
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <thread>
+
+#include "server/jobs/job_service.h"
+
+namespace kiln::server {
+
+/// How long what nobody asked for again is kept.
+struct Retention {
+  /// Scenes that no job names, and checkpoints of jobs that failed or were canceled.
+  std::chrono::seconds leftovers{86'400};
+  /// Jobs that are over go, oldest first, while the data folder is larger. 0: no limit.
+  std::uint64_t max_bytes = 0;
+};
+
+/// Deletes what is no longer needed, on a thread of its own: jobs past their time to live, then
+/// leftovers, then old jobs as far as the disk budget asks for it.
+class Janitor {
+ public:
+  Janitor(const DataFolder&, const JobStore&, const SceneStore&, JobService&, Retention,
+          std::chrono::milliseconds interval);
+  /// One round, on the calling thread. Throws DatabaseError.
+  void sweep();
+
+ private:
+  void sweep_jobs();
+  void sweep_checkpoints() const;
+  void sweep_scenes() const;
+  void sweep_to_budget();
+  void remove_job(const std::string& id, const char* reason);
+
+  const DataFolder& data_;
+  const JobStore& store_;
+  const SceneStore& scenes_;
+  JobService& jobs_;
+  Retention retention_;
+  std::jthread thread_;
+};
+
+}  // namespace kiln::server

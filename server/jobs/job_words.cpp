@@ -1,0 +1,23 @@
+#include "server/jobs/job_words.h"
+
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
+#include "server/log.h"
+
+namespace kiln::server {
+
+proto::Unexpected no_such_job(const std::string& id) {
+  return proto::fail("not_found", "There is no job " + id + ".");
+}
+
+void log_state(const proto::Job& job) {
+  nlohmann::json fields{
+      {"job", job.id}, {"state", proto::to_string(job.state)}, {"attempt", job.attempt}};
+  if (job.error) fields["code"] = job.error->code;
+  if (job.cached) fields["cached"] = true;
+  log_line(job.state == proto::JobState::kFailed ? LogLevel::kWarn : LogLevel::kInfo, "job",
+           fields);
+}
+
+}  // namespace kiln::server

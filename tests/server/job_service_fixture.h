@@ -1,0 +1,74 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <optional>
+
+#include "fake_bake.h"
+#include "server/jobs/job_service.h"
+#include "tests/support/temp_files.h"
+
+namespace kiln::server {
+
+using namespace std::chrono_literals;
+using proto::JobState;
+
+/// A queue on a folder of its own, which can be torn down and started again on the same data.
+class JobServiceTest : public ::testing::Test {
+ protected:
+  struct Process {
+    DataFolder data;
+    JobStore store;
+    SceneStore scenes;
+    baker::ThreadPool pool{1};
+    JobService jobs;
+    Process(const std::filesystem::path& path, const BakeFunction& bake, JobLimits limits)
+        : data(DataFolder::open(path).value()),
+          store(data.database()),
+          scenes(data),
+          jobs(data, store, scenes, pool, bake, limits) {}
+  };
+
+  void start(const BakeFunction& bake, JobLimits limits = {}) {
+    process_.reset();
+    process_.emplace(folder_.path(), bake, limits);
+  }
+  JobService& jobs() { return process_->jobs; }
+
+  StoredScene scene() {
+    auto upload = SceneUpload::create(process_->data);
+    auto file = proto::HashingFile::create(upload->next_path());
+    EXPECT_TRUE(file->write("glTF"));
+    const std::string hash = file->finish().value();
+    upload->main = UploadedFile{"", file->path(), 4, hash};
+    return process_->scenes.put(std::move(*upload))->scene;
+  }
+  /// A job that is baked, whatever was baked before.
+  Submission submission() {
+    Submission s{scene(), {}, {}, {}};
+    s.options.dedupe = false;
+    return s;
+  }
+  std::string submit() { return jobs().submit(submission()).value().job.id; }
+  proto::Job wait(const std::string& id) { return jobs().wait(id, 20s).value(); }
+  /// Waits until the job is in `state`.
+  void reach(const std::string& id, JobState state) {
+    for (int i = 0; i < 2000; ++i) {
+      if (jobs().get(id)->state == state) return;
+      std::this_thread::sleep_for(5ms);
+    }
+    FAIL() << "the job did not get there";
+  }
+  std::vector<proto::Event> events(const std::string& id) {
+    return jobs().events(id)->after(0).events;
+  }
+  static void expect_no_holes(const std::vector<proto::Event>& events) {
+    for (std::size_t i = 0; i < events.size(); ++i) EXPECT_EQ(events[i].id, i + 1);
+  }
+
+  test::TempFolder folder_;
+  FakeBake fake_;
+  std::optional<Process> process_;
+};
+
+}  // namespace kiln::server
