@@ -36,7 +36,9 @@ proto::Expected<MultipartBody> body_of(const Submission& s) {
 
 }  // namespace
 
-Client::Impl::Impl(ServerUrl where) : url(std::move(where)), http(url.origin) {
+Client::Impl::Impl(ServerUrl where, std::string secret)
+    : url(std::move(where)), http(url.origin), token(std::move(secret)) {
+  if (!token.empty()) http.set_bearer_token_auth(token);
   http.set_tcp_nodelay(true);
   http.set_connection_timeout(10, 0);
   http.set_read_timeout(60, 0);
@@ -82,7 +84,8 @@ proto::Expected<void> check_job_id(const std::string& id) {
                                         "\" is not a job's id: job_ and 26 characters of 0-9a-z");
 }
 
-Client::Client(ServerUrl url) : impl_(std::make_unique<Impl>(std::move(url))) {}
+Client::Client(ServerUrl url, std::string token)
+    : impl_(std::make_unique<Impl>(std::move(url), std::move(token))) {}
 Client::~Client() = default;
 
 proto::Expected<proto::JobSummary> Client::submit(const Submission& submission) {

@@ -38,7 +38,8 @@ struct RetryPolicy {
 /// Calls block. One object per thread.
 class Client {
  public:
-  explicit Client(ServerUrl);
+  /// `token`: sent with every request unless empty.
+  explicit Client(ServerUrl, std::string token = {});
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;

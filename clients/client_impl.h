@@ -14,7 +14,9 @@ struct Client::Impl {
   ServerUrl url;
   httplib::Client http;
 
-  explicit Impl(ServerUrl where);
+  std::string token;
+
+  Impl(ServerUrl where, std::string token);
 
   std::string path(const std::string& below) const { return url.base + "/v1" + below; }
   proto::Unexpected unreachable(httplib::Error) const;

@@ -22,9 +22,9 @@ enum class Outcome {
 
 class Follower {
  public:
-  Follower(const ServerUrl& url, std::string path,
+  Follower(const ServerUrl& url, const std::string& token, std::string path,
            const std::function<bool(const proto::Event&)>& handler, const RetryPolicy& policy)
-      : url_(url), path_(std::move(path)), handler_(handler), policy_(policy) {}
+      : url_(url), token_(token), path_(std::move(path)), handler_(handler), policy_(policy) {}
 
   proto::Expected<void> run(std::uint64_t after) {
     last_id_ = after;
@@ -47,6 +47,7 @@ class Follower {
 
  private:
   const ServerUrl& url_;
+  const std::string& token_;
   const std::string path_;
   const std::function<bool(const proto::Event&)>& handler_;
   const RetryPolicy& policy_;
@@ -68,6 +69,7 @@ class Follower {
 
   Outcome connect() {
     httplib::Client http(url_.origin);
+    if (!token_.empty()) http.set_bearer_token_auth(token_);
     http.set_tcp_nodelay(true);
     http.set_connection_timeout(10, 0);
     http.set_read_timeout(policy_.silence.count(), 0);
@@ -118,7 +120,8 @@ proto::Expected<void> Client::follow(const std::string& id, std::uint64_t after,
                                      const std::function<bool(const proto::Event&)>& handler,
                                      const RetryPolicy& policy) {
   if (auto ok = check_job_id(id); !ok) return ok;
-  return Follower(impl_->url, impl_->path("/jobs/" + id + "/events"), handler, policy).run(after);
+  return Follower(impl_->url, impl_->token, impl_->path("/jobs/" + id + "/events"), handler, policy)
+      .run(after);
 }
 
 }  // namespace kiln::clients

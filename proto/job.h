@@ -43,6 +43,7 @@ struct Job {
   std::string scene_sha256;
   std::uint64_t scene_bytes = 0;
   BakeSettings settings;
+  std::string tenant;  ///< who owns it; "" on a service without tokens
   std::int32_t priority = 0;
   Labels labels;
   std::uint64_t ttl_seconds = 0;  ///< between its end and its deletion; 0: it is kept for ever

@@ -114,6 +114,7 @@ json to_json(const Job& job) {
           {"version", job.version},
           {"scene", {{"sha256", job.scene_sha256}, {"bytes", job.scene_bytes}}},
           {"settings", to_json(job.settings)},
+          {"tenant", or_null(job.tenant)},
           {"priority", job.priority},
           {"labels", job.labels},
           {"ttl_seconds", job.ttl_seconds},

@@ -11,9 +11,10 @@ enum class LogFormat { kText, kJson };
 /// How the service runs. Filled from flags, then LIGHTKILN_* variables, then a TOML file, then
 /// these defaults; names, ranges and descriptions live in server/cli/config.cpp. Values in range.
 struct ServerConfig {
-  std::string listen = "127.0.0.1";  ///< address of both ports; loopback unless told otherwise
-  std::uint16_t port = 8080;         ///< API; 0: any free port, which the log names
-  std::uint16_t admin_port = 8081;   ///< /healthz, /readyz; 0: any free port
+  std::string listen = "127.0.0.1";        ///< address of the API; others than loopback need tokens
+  std::string admin_listen = "127.0.0.1";  ///< address of the admin port, which asks for no token
+  std::uint16_t port = 8080;               ///< API; 0: any free port, which the log names
+  std::uint16_t admin_port = 8081;         ///< /healthz, /readyz; 0: any free port
   std::filesystem::path data =
       "lightkiln-data";                         ///< store, uploads and results; created if missing
   std::uint32_t threads = 0;                    ///< of the bakes; 0: one per processor
@@ -21,7 +22,10 @@ struct ServerConfig {
   std::uint64_t max_upload_bytes = 1ull << 30;  ///< of one request's body
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
   std::uint32_t max_running_jobs = 2;
-  std::uint32_t max_queued_jobs = 1000;  ///< beyond: `queue_full`
+  std::uint32_t max_queued_jobs = 1000;           ///< beyond: `queue_full`
+  std::uint32_t max_queued_jobs_per_tenant = 0;   ///< beyond: `quota_exceeded`; 0: no limit
+  std::uint32_t max_running_jobs_per_tenant = 0;  ///< others wait; 0: no limit
+  std::uint64_t max_bytes_per_tenant = 0;         ///< of results; 0: no limit
   std::uint32_t job_ttl_seconds = 0;  ///< that a job is kept after its end, unless it says; 0: ever
   std::uint32_t leftover_ttl_seconds = 86'400;  ///< unused scenes, checkpoints of failed jobs
   std::uint64_t max_data_bytes = 0;             ///< beyond, old jobs are deleted; 0: no limit

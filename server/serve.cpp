@@ -32,15 +32,15 @@ bool signal_within(milliseconds time) {
   return ::sigtimedwait(&set, nullptr, &wait) > 0;
 }
 
-void announce(const ServerConfig& config, const Service& service) {
-  const auto url = [&](std::uint16_t port) {
-    const bool v6 = config.listen.find(':') != std::string::npos;
-    return "http://" + (v6 ? "[" + config.listen + "]" : config.listen) + ":" +
-           std::to_string(port);
+void announce(const ServerConfig& config, Service& service) {
+  const auto url = [&](const std::string& address, std::uint16_t port) {
+    const bool v6 = address.find(':') != std::string::npos;
+    return "http://" + (v6 ? "[" + address + "]" : address) + ":" + std::to_string(port);
   };
   log_line(LogLevel::kInfo, "ready",
-           {{"api", url(service.port())},
-            {"admin", url(service.admin_port())},
+           {{"api", url(config.listen, service.port())},
+            {"admin", url(config.admin_listen, service.admin_port())},
+            {"tokens", service.needs_tokens() ? "required" : "none: loopback only"},
             {"data", std::filesystem::absolute(config.data).string()},
             {"version", LIGHTKILN_VERSION}});
 }

@@ -32,6 +32,9 @@ JobLimits job_limits(const ServerConfig& config) {
   limits.running = config.max_running_jobs;
   limits.queued = config.max_queued_jobs;
   limits.ttl_seconds = config.job_ttl_seconds;
+  limits.tenant_queued = config.max_queued_jobs_per_tenant;
+  limits.tenant_running = config.max_running_jobs_per_tenant;
+  limits.tenant_bytes = config.max_bytes_per_tenant;
   return limits;
 }
 
@@ -43,6 +46,8 @@ struct Service::Impl {
         parts(std::move(p)),
         data(std::move(folder)),
         store(data.database()),
+        tokens(data.tokens()),
+        gate(tokens),
         scenes(data),
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
@@ -50,7 +55,7 @@ struct Service::Impl {
         janitor(data, store, scenes, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
-        api(config, data, scenes, jobs, parts.check, pool.size()),
+        api(config, data, store, scenes, jobs, gate, parts.check, pool.size()),
         admin(admin_routes(data, store, [this] { return draining.load(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
   }
@@ -59,6 +64,8 @@ struct Service::Impl {
   ServiceParts parts;
   DataFolder data;
   JobStore store;
+  TokenStore tokens;
+  Gate gate;
   SceneStore scenes;
   Hub hub;
   baker::ThreadPool pool;
@@ -77,7 +84,7 @@ struct Service::Impl {
     api_server = std::move(*main);
     constexpr unsigned kAdminThreads = 2;
     auto second = HttpServer::start(
-        {"admin", config.listen, config.admin_port, kAdminThreads, parts.limits},
+        {"admin", config.admin_listen, config.admin_port, kAdminThreads, parts.limits},
         [this](Request& request) { return admin.route(request); }, hub);
     if (!second) return proto::Unexpected(second.error());
     admin_server = std::move(*second);
@@ -95,6 +102,14 @@ proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& con
     impl = std::make_unique<Impl>(config, std::move(parts), std::move(*data));
   } catch (const DatabaseError& e) {
     return proto::fail(e.disk_full ? "storage_full" : "io_error", e.what());
+  }
+  if (!impl->tokens.required() && !is_loopback(config.listen)) {
+    impl->jobs.stop();
+    return proto::fail("cannot_listen",
+                       "There are no tokens, so anyone who reaches " + config.listen +
+                           " could use the service. Create one first: lightkiln token create "
+                           "--tenant NAME --data " +
+                           config.data.string());
   }
   if (auto listening = impl->listen(); !listening) {
     impl->jobs.stop();
@@ -117,6 +132,13 @@ std::uint16_t Service::admin_port() const {
 }
 JobService& Service::jobs() {
   return impl_->jobs;
+}
+
+TokenStore& Service::tokens() {
+  return impl_->tokens;
+}
+bool Service::needs_tokens() {
+  return impl_->tokens.required();
 }
 
 void Service::begin_drain() {

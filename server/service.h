@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "proto/expected.h"
+#include "server/auth/token_store.h"
 #include "server/config.h"
 #include "server/http/api.h"
 #include "server/http/connection.h"
@@ -30,6 +31,8 @@ class Service {
   std::uint16_t port() const;
   std::uint16_t admin_port() const;
   JobService& jobs();
+  TokenStore& tokens();
+  bool needs_tokens();  ///< of its clients
 
   /// Takes no more jobs and tells every event stream; answers other requests as before.
   void begin_drain();

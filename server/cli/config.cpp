@@ -20,7 +20,8 @@ using server::ServerConfig;
 constexpr std::string_view kPrefix = "LIGHTKILN_";
 
 /// Variables of other commands and of the loader itself.
-constexpr std::array<std::string_view, 2> kOtherVariables{"LIGHTKILN_CONFIG", "LIGHTKILN_SERVER"};
+constexpr std::array<std::string_view, 3> kOtherVariables{"LIGHTKILN_CONFIG", "LIGHTKILN_SERVER",
+                                                          "LIGHTKILN_TOKEN"};
 
 std::optional<std::uint64_t> whole_number(std::string_view text) {
   std::uint64_t value = 0;
@@ -64,12 +65,13 @@ std::string show_number(const ServerConfig& config) {
   return std::to_string(config.*Member);
 }
 
+template <auto Member>
 bool parse_address(ServerConfig& config, const std::string& text) {
   const bool fits = !text.empty() && text.size() <= 255 &&
                     std::all_of(text.begin(), text.end(), [](unsigned char c) {
                       return std::isalnum(c) != 0 || c == '.' || c == ':' || c == '-' || c == '_';
                     });
-  if (fits) config.listen = text;
+  if (fits) config.*Member = text;
   return fits;
 }
 
@@ -99,8 +101,12 @@ bool parse_log_format(ServerConfig& config, const std::string& text) {
 const std::vector<ConfigRow>& config_rows() {
   using C = ServerConfig;
   static const std::vector<ConfigRow> rows{
-      {"listen", false, "an address or host name", "Address that both ports listen on",
-       parse_address, [](const C& c) { return c.listen; }},
+      {"listen", false, "an address or host name",
+       "Address of the API; another than loopback needs tokens (lightkiln token)",
+       parse_address<&C::listen>, [](const C& c) { return c.listen; }},
+      {"admin_listen", false, "an address or host name",
+       "Address of the admin port, which asks for no token",
+       parse_address<&C::admin_listen>, [](const C& c) { return c.admin_listen; }},
       {"port", true, "a port from 0 to 65535", "Port of the API; 0: any free one",
        parse_number<&C::port, 0, 65535>, show_number<&C::port>},
       {"admin_port", true, "a port from 0 to 65535", "Port of /healthz and /readyz; 0: any free one",
@@ -122,6 +128,17 @@ const std::vector<ConfigRow>& config_rows() {
       {"max_queued_jobs", true, "a number from 1 to 1000000",
        "Jobs that may wait; one more is refused with queue_full",
        parse_number<&C::max_queued_jobs, 1, 1'000'000>, show_number<&C::max_queued_jobs>},
+      {"max_queued_jobs_per_tenant", true, "a number from 0 to 1000000",
+       "Jobs of one tenant that may wait; 0: no limit of its own",
+       parse_number<&C::max_queued_jobs_per_tenant, 0, 1'000'000>,
+       show_number<&C::max_queued_jobs_per_tenant>},
+      {"max_running_jobs_per_tenant", true, "a number from 0 to 256",
+       "Jobs of one tenant that bake at the same time; 0: no limit of its own",
+       parse_number<&C::max_running_jobs_per_tenant, 0, 256>,
+       show_number<&C::max_running_jobs_per_tenant>},
+      {"max_bytes_per_tenant", false, "0 or a number of bytes, such as 20GiB",
+       "Results of one tenant's jobs; beyond, new jobs are refused; 0: no limit",
+       parse_bytes<&C::max_bytes_per_tenant, 0>, show_number<&C::max_bytes_per_tenant>},
       {"job_ttl_seconds", true, "a number from 0 to 315360000",
        "Seconds that a job and its files are kept after its end, unless it says; 0: for ever",
        parse_number<&C::job_ttl_seconds, 0, 315'360'000>, show_number<&C::job_ttl_seconds>},
@@ -280,8 +297,8 @@ std::string config_text(const LoadedConfig& loaded) {
   std::string out;
   for (const auto& row : config_rows()) {
     const std::string value = row.show(loaded.config);
-    const bool bare =
-        !value.empty() && whole_number(value) && row.name != "listen" && row.name != "data";
+    const bool bare = !value.empty() && whole_number(value) && row.name != "listen" &&
+                      row.name != "admin_listen" && row.name != "data";
     out += "# " + std::string(row.description) +
            " (from: " + loaded.origin.at(std::string(row.name)) + ")\n" + std::string(row.name) +
            " = " + (bare ? value : toml_string(value)) + "\n";

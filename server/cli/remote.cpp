@@ -1,21 +1,48 @@
 #include "server/cli/remote.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "proto/files.h"
 #include "proto/json.h"
 #include "server/cli/progress.h"
 #include "server/cli/report.h"
 
 namespace kiln::cli {
 
+namespace {
+
+// Not a flag: every user of a machine sees the others' command lines.
+proto::Expected<std::string> token(const std::string& file) {
+  constexpr std::uint64_t kMaxBytes = 4096;
+  std::string text;
+  if (!file.empty()) {
+    auto content = proto::read_file(file, kMaxBytes);
+    if (!content) return content;
+    text = std::move(*content);
+  } else if (const char* variable = std::getenv("LIGHTKILN_TOKEN")) {
+    text = variable;
+  }
+  const auto blank = [](unsigned char c) { return c <= ' '; };
+  text.erase(std::remove_if(text.begin(), text.end(), blank), text.end());
+  return text;
+}
+
+}  // namespace
+
 void RemoteFlags::add_server(CLI::App& app) {
   app.add_option("--server", server, "The service to talk to")
       ->envname("LIGHTKILN_SERVER")
       ->type_name("URL")
       ->capture_default_str();
+  app.add_option("--token-file", token_file,
+                 "File with the token for the service, where it wants one\n"
+                 "[the variable LIGHTKILN_TOKEN, which holds the token itself]")
+      ->type_name("FILE");
 }
 
 void RemoteFlags::add_quiet(CLI::App& app) {
@@ -25,7 +52,9 @@ void RemoteFlags::add_quiet(CLI::App& app) {
 proto::Expected<std::unique_ptr<clients::Client>> RemoteFlags::client() const {
   auto url = clients::parse_server_url(server);
   if (!url) return proto::Unexpected(std::move(url.error()));
-  return std::make_unique<clients::Client>(std::move(*url));
+  auto secret = token(token_file);
+  if (!secret) return proto::Unexpected(std::move(secret.error()));
+  return std::make_unique<clients::Client>(std::move(*url), std::move(*secret));
 }
 
 namespace {

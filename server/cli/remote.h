@@ -15,6 +15,7 @@ namespace kiln::cli {
 /// What the commands that talk to a service have in common.
 struct RemoteFlags {
   std::string server = clients::kDefaultServer;
+  std::string token_file;
   bool quiet = false;
 
   void add_server(CLI::App&);

@@ -11,12 +11,15 @@
 
 namespace kiln::server {
 
-Api::Api(const ServerConfig& config, const DataFolder& data, const SceneStore& scenes,
-         JobService& jobs, CheckFunction check, unsigned bake_threads)
+Api::Api(const ServerConfig& config, const DataFolder& data, JobStore& store,
+         const SceneStore& scenes, JobService& jobs, const Gate& gate, CheckFunction check,
+         unsigned bake_threads)
     : config_(config),
       data_(data),
+      store_(store),
       scenes_(scenes),
       jobs_(jobs),
+      gate_(gate),
       check_(std::move(check)),
       bake_threads_(bake_threads),
       waits_(std::max<std::ptrdiff_t>(config.http_threads / 2, 1)) {
@@ -41,6 +44,15 @@ Api::Api(const ServerConfig& config, const DataFolder& data, const SceneStore& s
   add("GET", "/v1/jobs/{}/preview", &Api::get_preview);
 }
 
+Response Api::handle(Request& request) {
+  if (request.head.path != "/") {  // a hint that tells nothing
+    auto principal = gate_.admit(request.head);
+    if (!principal) return problem(principal.error(), request);
+    request.principal = std::move(*principal);
+  }
+  return router_.route(request);
+}
+
 Response Api::get_root(Request& request) {
   const std::string* host = request.head.header("host");
   const std::string url = "http://" + (host ? *host : config_.listen);
@@ -63,7 +75,10 @@ Response Api::get_capabilities(Request&) {
       {"threads", bake_threads_},
       {"instruction_set", baker::instruction_set()}};
   const baker::ImportLimits import;
-  document["limits"] = {{"upload_bytes", config_.max_upload_bytes},
+  document["limits"] = {{"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
+                        {"tenant_running_jobs", config_.max_running_jobs_per_tenant},
+                        {"tenant_result_bytes", config_.max_bytes_per_tenant},
+                        {"upload_bytes", config_.max_upload_bytes},
                         {"request_json_bytes", config_.max_request_json_bytes},
                         {"queued_jobs", config_.max_queued_jobs},
                         {"running_jobs", config_.max_running_jobs},

@@ -9,6 +9,7 @@
 
 #include "baker/scene/import.h"
 #include "proto/expected.h"
+#include "server/auth/gate.h"
 #include "server/config.h"
 #include "server/http/message.h"
 #include "server/http/router.h"
@@ -26,10 +27,10 @@ using CheckFunction =
 /// The routes under /v1 (docs/http-api.md). Thread-safe.
 class Api {
  public:
-  Api(const ServerConfig&, const DataFolder&, const SceneStore&, JobService&, CheckFunction,
-      unsigned bake_threads);
+  Api(const ServerConfig&, const DataFolder&, JobStore&, const SceneStore&, JobService&,
+      const Gate&, CheckFunction, unsigned bake_threads);
 
-  Response handle(Request& request) { return router_.route(request); }
+  Response handle(Request&);
 
  private:
   Response post_job(Request&);
@@ -51,7 +52,11 @@ class Api {
   proto::Expected<Submission> read_job_request(Request&);
   proto::Expected<Submission> read_json_job(Request&);
   proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
+  /// Errors: `not_found`, for a job of another tenant too.
   proto::Expected<proto::Job> find_job(const Request&) const;
+  /// A scene that the client uploaded, or may see. Errors: `not_found`.
+  proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
+  proto::Expected<SceneStore::Put> put_scene(const Request&, SceneUpload&&);
   proto::Expected<proto::Job> wait_for_job(const Request&, std::chrono::seconds);
   /// The job of the request when it has results, else why not.
   proto::Expected<proto::Job> find_finished(const Request&) const;
@@ -60,8 +65,10 @@ class Api {
 
   const ServerConfig& config_;
   const DataFolder& data_;
+  JobStore& store_;
   const SceneStore& scenes_;
   JobService& jobs_;
+  const Gate& gate_;
   CheckFunction check_;
   unsigned bake_threads_;
   Router router_;

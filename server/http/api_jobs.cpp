@@ -62,13 +62,17 @@ Response job_response(int status, const proto::Job& job) {
 
 Expected<proto::Job> Api::find_job(const Request& request) const {
   const std::string& id = request.parameters.at(0);
-  if (!is_id(id, "job_")) return fail("not_found", "There is no job " + id + ".");
-  return jobs_.get(id);
+  const auto missing = [&] { return fail("not_found", "There is no job " + id + "."); };
+  if (!is_id(id, "job_")) return missing();
+  auto job = jobs_.get(id);
+  if (job && !request.principal.may_see(job->tenant)) return missing();
+  return job;
 }
 
 Response Api::list_jobs(Request& request) {
   auto filter = read_filter(request);
   if (!filter) return problem(filter.error(), request);
+  if (!request.principal.admin) filter->tenant = request.principal.tenant;
   const JobService::Page page = jobs_.list(*filter);
   nlohmann::json items = nlohmann::json::array();
   for (const auto& job : page.jobs) items.push_back(proto::to_json(job));
@@ -81,13 +85,14 @@ Response Api::list_jobs(Request& request) {
 
 // A waiting request holds a thread, so only half of them may wait; the others are answered at once.
 Expected<proto::Job> Api::wait_for_job(const Request& request, std::chrono::seconds time) {
-  const std::string& id = request.parameters.at(0);
-  if (!is_id(id, "job_") || time.count() == 0 || !waits_.try_acquire()) return find_job(request);
+  auto job = find_job(request);
+  if (!job || time.count() == 0 || proto::is_terminal(job->state) || !waits_.try_acquire())
+    return job;
   const struct Release {
     std::counting_semaphore<>& slots;
     ~Release() { slots.release(); }
   } release{waits_};
-  return jobs_.wait(id, time);
+  return jobs_.wait(job->id, time);
 }
 
 Response Api::get_job(Request& request) {

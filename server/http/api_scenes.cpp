@@ -31,14 +31,30 @@ Response Api::post_scene(Request& request) {
   proto::BakeSettings any_light;
   any_light.allow_dark = true;
   if (auto ok = check_(upload->scene.files(), any_light); !ok) return problem(ok.error(), request);
-  auto put = scenes_.put(std::move(upload->scene));
+  auto put = put_scene(request, std::move(upload->scene));
   if (!put) return problem(put.error(), request);
   return scene_response(put->created ? 201 : 200, put->scene)
       .header("Location", scene_path(put->scene));
 }
 
+proto::Expected<void> Api::check_owner(const Request& request, const std::string& scene) const {
+  const Principal& client = request.principal;
+  if (client.admin || store_.owns_scene(scene, client.tenant)) return {};
+  return proto::fail("not_found", "There is no scene sha256:" + scene + ".");
+}
+
+proto::Expected<SceneStore::Put> Api::put_scene(const Request& request, SceneUpload&& upload) {
+  auto put = scenes_.put(std::move(upload));
+  if (!put) return put;
+  const std::string &key = put->scene.key, &tenant = request.principal.tenant;
+  if (!tenant.empty() && !store_.owns_scene(key, tenant)) store_.grant_scene(key, tenant);
+  return put;
+}
+
 Response Api::get_scene(Request& request) {
-  auto scene = scenes_.find(request.parameters.at(0));
+  const std::string& key = request.parameters.at(0);
+  if (auto ok = check_owner(request, key); !ok) return problem(ok.error(), request);
+  auto scene = scenes_.find(key);
   if (!scene) return problem(scene.error(), request);
   return scene_response(200, *scene);
 }

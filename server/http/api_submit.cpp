@@ -66,6 +66,7 @@ proto::Expected<Submission> Api::read_json_job(Request& request) {
     return refuse("/scene",
                   "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
                   "POST /v1/scenes answered.");
+  if (auto ok = check_owner(request, key); !ok) return proto::Unexpected(ok.error());
   auto scene = scenes_.use(key);
   if (!scene) return proto::Unexpected(scene.error());
   job.scene = std::move(*scene);
@@ -97,7 +98,7 @@ proto::Expected<Submission> Api::read_job_request(Request& request) {
   }
   if (auto ok = check_(upload->scene.files(), job.settings); !ok)
     return proto::Unexpected(ok.error());
-  auto put = scenes_.put(std::move(upload->scene));
+  auto put = put_scene(request, std::move(upload->scene));
   if (!put) return proto::Unexpected(put.error());
   job.scene = std::move(put->scene);
   return job;
@@ -106,9 +107,11 @@ proto::Expected<Submission> Api::read_job_request(Request& request) {
 Response Api::post_job(Request& request) {
   auto key = idempotency_key(request);
   if (!key) return problem(key.error(), request);
-  if (auto open = jobs_.accepting(*key); !open) return problem(open.error(), request);
+  if (auto open = jobs_.accepting(request.principal.tenant, *key); !open)
+    return problem(open.error(), request);
   auto input = read_job_request(request);
   if (!input) return problem(input.error(), request);
+  input->tenant = request.principal.tenant;
   input->idempotency_key = *key;
   auto submitted = jobs_.submit(*input);
   if (!submitted) return problem(submitted.error(), request);

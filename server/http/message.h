@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "proto/files.h"
+#include "server/auth/principal.h"
 #include "server/http/body.h"
 #include "server/http/head.h"
 #include "server/jobs/event_ring.h"
@@ -20,6 +21,7 @@ struct Request {
   const RequestHead& head;
   BodyReader& body;
   std::string id;                       ///< req_..., on the answer and in the log
+  Principal principal;                  ///< who asks
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
 };
 

@@ -15,7 +15,8 @@ Response problem(const proto::Error& error, const std::string& request_id,
   response.body =
       proto::to_text(proto::problem_json(error, response.status, request_id, instance), 2) + "\n";
   response.header("Cache-Control", "no-store");
-  if (response.status == 503) response.header("Retry-After", "5");
+  if (response.status == 401) response.header("WWW-Authenticate", "Bearer realm=\"lightkiln\"");
+  if (response.status == 503 || response.status == 429) response.header("Retry-After", "5");
   if (response.status == 425) response.header("Retry-After", "1");
   return response;
 }

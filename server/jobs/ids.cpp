@@ -23,6 +23,14 @@ std::int64_t now_ms() {
   return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
 }
 
+template <std::size_t Count>
+void add_random_digits(std::string& text) {
+  std::array<unsigned char, Count> random{};
+  if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1)
+    throw std::runtime_error("no random bytes");
+  for (const unsigned char b : random) text += kDigits[b & 31];
+}
+
 std::string rfc3339(std::int64_t ms) {
   const std::time_t seconds = static_cast<std::time_t>(ms / 1000);
   std::tm utc{};
@@ -39,11 +47,14 @@ std::string new_id(std::string_view prefix) {
   std::string id(prefix);
   auto time = static_cast<std::uint64_t>(now_ms());
   for (int shift = 45; shift >= 0; shift -= 5) id += kDigits[(time >> shift) & 31];
-  std::array<unsigned char, 16> random{};
-  if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1)
-    throw std::runtime_error("no random bytes for an id");
-  for (const unsigned char b : random) id += kDigits[b & 31];
+  add_random_digits<16>(id);
   return id;
+}
+
+std::string new_secret(std::string_view prefix) {
+  std::string secret(prefix);
+  add_random_digits<52>(secret);
+  return secret;
 }
 
 bool is_id(std::string_view text, std::string_view prefix) {

@@ -9,7 +9,7 @@
 
 namespace kiln::server {
 
-Janitor::Janitor(const DataFolder& data, const JobStore& store, const SceneStore& scenes,
+Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scenes,
                  JobService& jobs, Retention retention, std::chrono::milliseconds interval)
     : data_(data), store_(store), scenes_(scenes), jobs_(jobs), retention_(retention) {
   thread_ = std::jthread([this, interval](std::stop_token stop) {
@@ -57,8 +57,10 @@ void Janitor::sweep_checkpoints() const {
 
 void Janitor::sweep_scenes() const {
   const auto is_named = [&](const std::string& key) { return store_.names_scene(key); };
-  for (const auto& key : scenes_.collect(retention_.leftovers, is_named))
+  for (const auto& key : scenes_.collect(retention_.leftovers, is_named)) {
+    store_.forget_scene(key);
     log_line(LogLevel::kInfo, "retention", {{"scene", key}, {"reason", "unused"}});
+  }
 }
 
 void Janitor::sweep_to_budget() {

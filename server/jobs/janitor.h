@@ -20,7 +20,7 @@ struct Retention {
 /// leftovers, then old jobs as far as the disk budget asks for it.
 class Janitor {
  public:
-  Janitor(const DataFolder&, const JobStore&, const SceneStore&, JobService&, Retention,
+  Janitor(const DataFolder&, JobStore&, const SceneStore&, JobService&, Retention,
           std::chrono::milliseconds interval);
   /// One round, on the calling thread. Throws DatabaseError.
   void sweep();
@@ -33,7 +33,7 @@ class Janitor {
   void remove_job(const std::string& id, const char* reason);
 
   const DataFolder& data_;
-  const JobStore& store_;
+  JobStore& store_;
   const SceneStore& scenes_;
   JobService& jobs_;
   Retention retention_;

@@ -48,9 +48,9 @@ proto::Expected<proto::Job> JobService::cancel(const std::string& id, CancelMode
     StoredJob& s = job->stored;
     if (proto::is_terminal(s.job.state)) return s.job;
     if (!job->cancel_requested) {
-      if (queue_.contains({-s.job.priority, s.sequence})) {
+      if (queue_.contains(queue_entry(s))) {
         finish_job(store_, *job, JobState::kCancelled, std::nullopt, {});
-        queue_.erase({-s.job.priority, s.sequence});
+        queue_.erase(queue_entry(s));
         over = true;
       } else {
         change_state(store_, *job, JobState::kCanceling, Durability::kPromise);
@@ -87,7 +87,8 @@ proto::Expected<proto::Job> JobService::retry(const std::string& id, RetryFrom f
   if (!*job || (*job)->stored.job.state == JobState::kSucceeded)
     return proto::fail("job_not_retryable",
                        "Only a job that failed or was canceled can be run again.");
-  if (auto room = check_room(); !room) return proto::Unexpected(room.error());
+  if (auto room = check_room((*job)->stored.job.tenant); !room)
+    return proto::Unexpected(room.error());
   if (from == RetryFrom::kStart) data_.remove_checkpoints(id);
   restart_job(store_, **job);
   proto::Job result = (*job)->stored.job;
@@ -107,9 +108,9 @@ proto::Expected<proto::Job> JobService::patch(const std::string& id, const proto
   const std::lock_guard job_lock(job->mutex);
   StoredJob& s = job->stored;
   if (auto ok = check_patch(s.job, patch, allowed); !ok) return proto::Unexpected(ok.error());
-  const std::int32_t before = s.job.priority;
+  const JobQueue::Entry before = queue_entry(s);
   patch_job(store_, *job, patch);
-  if (queue_.erase({-before, s.sequence}) > 0) queue_.insert({-s.job.priority, s.sequence});
+  if (queue_.erase(before)) queue_.insert(queue_entry(s));
   return s.job;
 }
 

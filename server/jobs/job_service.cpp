@@ -41,8 +41,7 @@ JobService::~JobService() {
 void JobService::add_live(const LivePtr& job) {
   live_[job->stored.job.id] = job;
   by_sequence_[job->stored.sequence] = job;
-  if (job->stored.job.state == JobState::kQueued)
-    queue_.insert({-job->stored.job.priority, job->stored.sequence});
+  if (job->stored.job.state == JobState::kQueued) queue_.insert(queue_entry(job->stored));
 }
 
 // What the process before us did not finish. A job that was running when it died goes on, unless it
@@ -86,19 +85,28 @@ void JobService::clear_leftovers() const {
   }
 }
 
-proto::Expected<void> JobService::check_room() const {
+proto::Expected<void> JobService::check_room(const std::string& tenant) const {
   if (draining_)
     return proto::fail("draining", "The service is shutting down and takes no new jobs.");
   if (queue_.size() + submitting_ >= limits_.queued)
     return proto::fail("queue_full", "The queue is full (" + std::to_string(limits_.queued) +
                                          " jobs are waiting).");
+  if (limits_.tenant_queued > 0 && queue_.waiting(tenant) >= limits_.tenant_queued)
+    return proto::fail("quota_exceeded", "As many jobs of this tenant are waiting as may (" +
+                                             std::to_string(limits_.tenant_queued) + ").");
+  if (limits_.tenant_bytes > 0 && store_.result_bytes(tenant) >= limits_.tenant_bytes)
+    return proto::fail("quota_exceeded", "The results of this tenant's jobs have reached " +
+                                             std::to_string(limits_.tenant_bytes) +
+                                             " bytes: delete some.");
   return {};
 }
 
-proto::Expected<void> JobService::accepting(const std::string& idempotency_key) const {
-  if (!idempotency_key.empty() && store_.find_request(idempotency_key)) return {};
+proto::Expected<void> JobService::accepting(const std::string& tenant,
+                                            const std::string& idempotency_key) const {
+  if (!idempotency_key.empty() && store_.find_request(request_key(tenant, idempotency_key)))
+    return {};
   const std::lock_guard lock(mutex_);
-  return check_room();
+  return check_room(tenant);
 }
 
 JobService::LivePtr JobService::live(const std::string& id) const {
@@ -173,7 +181,7 @@ void JobService::notify(const LiveJob& job) {
 
 JobService::Counts JobService::counts() const {
   const std::lock_guard lock(mutex_);
-  return {queue_.size(), running_};
+  return {queue_.size(), queue_.running()};
 }
 
 void JobService::retire(const LivePtr& job) {
@@ -192,7 +200,7 @@ void JobService::begin_drain() {
 
 bool JobService::wait_idle(std::chrono::milliseconds time) const {
   std::unique_lock lock(mutex_);
-  return changed_.wait_for(lock, time, [&] { return running_ == 0; });
+  return changed_.wait_for(lock, time, [&] { return queue_.running() == 0; });
 }
 
 void JobService::release_waiters() {
@@ -218,12 +226,12 @@ void JobService::stop() {
 
 JobService::LivePtr JobService::next_job(std::stop_token stop) {
   std::unique_lock lock(mutex_);
-  const bool got = changed_.wait(lock, stop, [&] { return !draining_ && !queue_.empty(); });
-  if (!got || stop.stop_requested()) return nullptr;
-  const auto sequence = queue_.begin()->second;
-  queue_.erase(queue_.begin());
-  ++running_;
-  return by_sequence_.at(sequence);
+  std::optional<std::int64_t> sequence;
+  changed_.wait(lock, stop, [&] {
+    if (!draining_ && !stop.stop_requested()) sequence = queue_.take(limits_.tenant_running);
+    return sequence.has_value();
+  });
+  return sequence ? by_sequence_.at(*sequence) : nullptr;
 }
 
 void JobService::runner_loop(std::stop_token stop) {
@@ -235,7 +243,7 @@ void JobService::runner_loop(std::stop_token stop) {
     JobRun(context, *job).run(stop);
     {
       const std::lock_guard lock(mutex_);
-      --running_;
+      queue_.release(job->stored.job.tenant);
     }
     settle(job);
   }

@@ -19,6 +19,7 @@
 #include "proto/expected.h"
 #include "proto/job.h"
 #include "server/jobs/event_ring.h"
+#include "server/jobs/job_queue.h"
 #include "server/jobs/job_store.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
@@ -38,6 +39,9 @@ struct JobLimits {
                                 ///< more pass done, before a job fails
   std::chrono::milliseconds progress_interval{250};  ///< between two job.progress events
   std::uint64_t ttl_seconds = 0;                     ///< of jobs that don't say; 0: for ever
+  /// Of one tenant; 0: no limit. Beyond: `quota_exceeded`, or waiting for the second.
+  std::uint32_t tenant_queued = 0, tenant_running = 0;
+  std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
 };
 
 /// What submit() takes.
@@ -45,6 +49,7 @@ struct Submission {
   StoredScene scene;
   proto::BakeSettings settings;
   proto::JobOptions options;
+  std::string tenant;
   std::string idempotency_key;  ///< the client's name for this request; "": none
 };
 
@@ -55,8 +60,9 @@ enum class CancelMode {
 
 enum class RetryFrom { kCheckpoint, kStart };
 
-/// The job queue: takes jobs, runs them by priority and age, keeps their state and events. A job
-/// that submit() returned is on the disk. Thread-safe. Store failures are DatabaseError.
+/// The job queue: takes jobs, runs them by priority, fair share and age (JobQueue), keeps their
+/// state and events. A job that submit() returned is on the disk. Thread-safe. Store failures are
+/// DatabaseError.
 ///
 /// States: queued -> preparing -> running -> finalizing -> succeeded | failed | canceled, with
 /// canceling in between; back to queued, with the next attempt, when the process ended in between.
@@ -71,10 +77,11 @@ class JobService {
   JobService(const JobService&) = delete;
   JobService& operator=(const JobService&) = delete;
 
-  /// Whether submit() would take a job now: worth knowing before an upload is read. True when the
-  /// request of this idempotency key was answered before, since that takes no room.
-  /// Errors: `queue_full`, `draining`.
-  proto::Expected<void> accepting(const std::string& idempotency_key = {}) const;
+  /// Whether submit() would take a job of this tenant now: worth knowing before an upload is read.
+  /// True when the request of this idempotency key was answered before, since that takes no room.
+  /// Errors: `queue_full`, `draining`, `quota_exceeded`.
+  proto::Expected<void> accepting(const std::string& tenant,
+                                  const std::string& idempotency_key = {}) const;
 
   struct Submitted {
     proto::Job job;
@@ -82,7 +89,8 @@ class JobService {
   };
   /// Queues a job. With options.dedupe, an identical bake that succeeded makes it a job that is
   /// over at once.
-  /// Errors: `queue_full`, `draining`, `idempotency_in_progress`, `idempotency_mismatch`.
+  /// Errors: `queue_full`, `draining`, `quota_exceeded`, `idempotency_in_progress`,
+  /// `idempotency_mismatch`.
   proto::Expected<Submitted> submit(const Submission&);
   /// Errors: `not_found`.
   proto::Expected<proto::Job> get(const std::string& id) const;
@@ -99,7 +107,7 @@ class JobService {
   /// Errors: `not_found`.
   proto::Expected<proto::Job> cancel(const std::string& id, CancelMode = CancelMode::kNow);
   /// Queues a job that failed or was canceled again, as its next attempt.
-  /// Errors: `not_found`, `job_not_retryable`, `queue_full`, `draining`.
+  /// Errors: `not_found`, `job_not_retryable`, `queue_full`, `draining`, `quota_exceeded`.
   proto::Expected<proto::Job> retry(const std::string& id, RetryFrom);
   /// Changes a job's options, if `allowed` says yes to its version.
   /// Errors: `not_found`, `precondition_failed`, `invalid_request` (too many labels).
@@ -135,7 +143,7 @@ class JobService {
   using LivePtr = std::shared_ptr<LiveJob>;
   class KeyInUse;
 
-  proto::Expected<void> check_room() const;  ///< needs mutex_
+  proto::Expected<void> check_room(const std::string& tenant) const;  ///< needs mutex_
   void recover();
   void clear_leftovers() const;
   void add_live(const LivePtr&);  ///< needs mutex_
@@ -164,11 +172,10 @@ class JobService {
 
   mutable std::mutex mutex_;  ///< guards what follows
   mutable std::condition_variable_any changed_;
-  std::map<std::string, LivePtr> live_;                    ///< jobs that are not over
-  std::set<std::pair<std::int64_t, std::int64_t>> queue_;  ///< (-priority, sequence)
+  std::map<std::string, LivePtr> live_;  ///< jobs that are not over
+  JobQueue queue_;
   std::map<std::int64_t, LivePtr> by_sequence_;
   std::set<std::string> keys_in_use_;  ///< idempotency keys of requests being answered
-  std::size_t running_ = 0;
   std::size_t submitting_ = 0;
   bool draining_ = false;
   bool waiters_released_ = false;

@@ -70,13 +70,23 @@ CREATE TABLE request (
   job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX request_job ON request (job);
+)sql",
+    R"sql(
+ALTER TABLE job ADD COLUMN tenant TEXT NOT NULL DEFAULT '';
+CREATE INDEX job_tenant ON job (tenant, sequence);
+CREATE TABLE scene_owner (
+  scene TEXT NOT NULL,
+  tenant TEXT NOT NULL,
+  PRIMARY KEY (scene, tenant)
+) STRICT, WITHOUT ROWID;
 )sql"};
 static_assert(std::size(kMigrations) == JobStore::kSchemaVersion);
 
 constexpr std::string_view kColumns =
     "SELECT sequence, id, state, priority, attempt, crashes, version, scene, scene_bytes, settings,"
     " created_at, started_at, finished_at, stage, pass, max_passes, batches_done, batches_total,"
-    " residual, fraction, error, bake_key, labels, ttl_seconds, expires_at, cached FROM job ";
+    " residual, fraction, error, bake_key, labels, ttl_seconds, expires_at, cached, tenant"
+    " FROM job ";
 constexpr std::string_view kIsOver = "state IN ('succeeded', 'failed', 'canceled') ";
 
 std::int64_t as_int(std::uint64_t value) {
@@ -136,6 +146,7 @@ StoredJob read_row(const Statement& row) {
   job.ttl_seconds = static_cast<std::uint64_t>(row.number(23));
   job.expires_at = row.text(24);
   job.cached = row.number(25) != 0;
+  job.tenant = row.text(26);
   return stored;
 }
 
@@ -179,11 +190,11 @@ std::int64_t JobStore::insert(const StoredJob& stored, const std::vector<proto::
   writer_.transaction(Durability::kPromise, [&] {
     auto insert = writer_.prepare(
         "INSERT INTO job (id, state, attempt, version, scene, scene_bytes, settings, created_at,"
-        " bake_key, cached) VALUES (?,?,?,?,?,?,?,?,?,?) RETURNING sequence");
+        " bake_key, cached, tenant) VALUES (?,?,?,?,?,?,?,?,?,?,?) RETURNING sequence");
     insert.bind(1, job.id).bind(2, proto::to_string(job.state)).bind(3, as_int(job.attempt));
     insert.bind(4, as_int(job.version)).bind(5, job.scene_sha256).bind(6, as_int(job.scene_bytes));
     insert.bind(7, settings).bind(8, job.created_at).bind(9, stored.bake_key);
-    insert.bind(10, std::int64_t{job.cached});
+    insert.bind(10, std::int64_t{job.cached}).bind(11, job.tenant);
     while (insert.step()) sequence = insert.number(0);
     update(stored);
     put_events(job.id, events);
@@ -276,14 +287,16 @@ std::optional<StoredJob> JobStore::find(const std::string& id) const {
 
 std::vector<StoredJob> JobStore::list(const JobFilter& filter) const {
   std::string sql = std::string(kColumns) + "WHERE (?1='' OR state=?1) AND (?2<0 OR sequence<?2) ";
+  if (filter.tenant) sql += "AND tenant=?4 ";
   for (std::size_t i = 0; i < filter.labels.size(); ++i)
     sql += "AND EXISTS (SELECT 1 FROM json_each(job.labels) WHERE key=?" +
-           std::to_string(4 + 2 * i) + " AND value=?" + std::to_string(5 + 2 * i) + ") ";
+           std::to_string(5 + 2 * i) + " AND value=?" + std::to_string(6 + 2 * i) + ") ";
   const std::lock_guard lock(read_mutex_);
   auto query = reader_.prepare(sql + "ORDER BY sequence DESC LIMIT ?3");
   query.bind(1, filter.state ? proto::to_string(*filter.state) : "");
   query.bind(2, filter.before.value_or(-1)).bind(3, as_int(filter.limit));
-  int next = 4;
+  if (filter.tenant) query.bind(4, *filter.tenant);
+  int next = 5;
   for (const auto& [name, value] : filter.labels) {
     query.bind(next++, name);
     query.bind(next++, value);
@@ -291,15 +304,47 @@ std::vector<StoredJob> JobStore::list(const JobFilter& filter) const {
   return read_all(query);
 }
 
-std::optional<StoredJob> JobStore::find_succeeded(const std::string& bake_key) const {
+std::optional<StoredJob> JobStore::find_succeeded(const std::string& bake_key,
+                                                  const std::string& tenant) const {
   const std::lock_guard lock(read_mutex_);
-  auto query = reader_.prepare(
-      std::string(kColumns) +
-      "WHERE state='succeeded' AND bake_key=? AND bake_key<>'' ORDER BY sequence DESC"
-      " LIMIT 1");
-  query.bind(1, bake_key);
+  auto query =
+      reader_.prepare(std::string(kColumns) +
+                      "WHERE state='succeeded' AND bake_key=? AND bake_key<>'' AND tenant=?"
+                      " ORDER BY sequence DESC LIMIT 1");
+  query.bind(1, bake_key).bind(2, tenant);
   if (!query.step()) return std::nullopt;
   return read_row(query);
+}
+
+std::uint64_t JobStore::result_bytes(const std::string& tenant) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query =
+      reader_.prepare("SELECT sum(bytes) FROM result JOIN job ON job.id=result.job WHERE tenant=?");
+  query.bind(1, tenant);
+  query.step();
+  return static_cast<std::uint64_t>(query.number(0));
+}
+
+void JobStore::grant_scene(const std::string& scene, const std::string& tenant) {
+  const std::lock_guard lock(write_mutex_);
+  writer_.transaction(Durability::kPromise, [&] {
+    auto insert = writer_.prepare("INSERT OR IGNORE INTO scene_owner (scene, tenant) VALUES (?,?)");
+    insert.bind(1, scene).bind(2, tenant).step();
+  });
+}
+
+bool JobStore::owns_scene(const std::string& scene, const std::string& tenant) const {
+  const std::lock_guard lock(read_mutex_);
+  auto query = reader_.prepare("SELECT 1 FROM scene_owner WHERE scene=? AND tenant=?");
+  query.bind(1, scene).bind(2, tenant);
+  return query.step();
+}
+
+void JobStore::forget_scene(const std::string& scene) {
+  const std::lock_guard lock(write_mutex_);
+  writer_.transaction(Durability::kProgress, [&] {
+    writer_.prepare("DELETE FROM scene_owner WHERE scene=?").bind(1, scene).step();
+  });
 }
 
 std::optional<std::pair<std::string, std::string>> JobStore::find_request(

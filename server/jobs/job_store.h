@@ -25,11 +25,12 @@ struct StoredJob {
 
 /// A client's name for a request that made a job.
 struct IdempotencyKey {
-  std::string key;
+  std::string key;          ///< with the tenant's name before it
   std::string fingerprint;  ///< of what the request asked for
 };
 
 struct JobFilter {
+  std::optional<std::string> tenant;  ///< nothing: of all
   std::optional<proto::JobState> state;
   std::vector<std::pair<std::string, std::string>> labels;  ///< all of them: name, value
   std::uint32_t limit = 50;
@@ -63,8 +64,14 @@ class JobStore {
   std::optional<StoredJob> find(const std::string& id) const;
   std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
   std::vector<StoredJob> unfinished() const;            ///< oldest first
-  /// The newest job with this key that succeeded.
-  std::optional<StoredJob> find_succeeded(const std::string& bake_key) const;
+  /// The tenant's newest job with this key that succeeded.
+  std::optional<StoredJob> find_succeeded(const std::string& bake_key,
+                                          const std::string& tenant) const;
+  std::uint64_t result_bytes(const std::string& tenant) const;
+  /// Who uploaded a scene may name it: others must not learn that it is there.
+  void grant_scene(const std::string& scene, const std::string& tenant);
+  bool owns_scene(const std::string& scene, const std::string& tenant) const;
+  void forget_scene(const std::string& scene);  ///< it was deleted
   /// The fingerprint and job id of a request.
   std::optional<std::pair<std::string, std::string>> find_request(const std::string& key) const;
   bool names_scene(const std::string& scene) const;                 ///< any job does
@@ -75,7 +82,7 @@ class JobStore {
 
   bool writable();  ///< whether a transaction can be written now
 
-  static constexpr int kSchemaVersion = 2;
+  static constexpr int kSchemaVersion = 3;
 
  private:
   void migrate();

@@ -30,6 +30,7 @@ StoredJob new_job(const Submission& s, const JobLimits& limits) {
   job.scene_sha256 = s.scene.key;
   job.scene_bytes = s.scene.bytes;
   job.settings = s.settings;
+  job.tenant = s.tenant;
   job.priority = s.options.priority;
   job.labels = s.options.labels;
   job.ttl_seconds = s.options.ttl_seconds.value_or(limits.ttl_seconds);
@@ -65,7 +66,8 @@ class JobService::KeyInUse {
 proto::Expected<JobService::Submitted> JobService::submit(const Submission& submission) {
   std::optional<IdempotencyKey> request;
   std::optional<KeyInUse> use;
-  if (const std::string& key = submission.idempotency_key; !key.empty()) {
+  if (!submission.idempotency_key.empty()) {
+    const std::string key = request_key(submission.tenant, submission.idempotency_key);
     request = IdempotencyKey{key, fingerprint(submission)};
     if (!use.emplace(*this, key).alone())
       return proto::fail("idempotency_in_progress",
@@ -96,7 +98,7 @@ std::optional<proto::Expected<JobService::Submitted>> JobService::replay(
 // The files of an identical bake, under this job's name too: each job can be deleted by itself.
 std::optional<proto::Job> JobService::submit_cached(const StoredJob& stored,
                                                     const std::optional<IdempotencyKey>& request) {
-  const auto original = store_.find_succeeded(stored.bake_key);
+  const auto original = store_.find_succeeded(stored.bake_key, stored.job.tenant);
   if (!original) return std::nullopt;
   const auto files = store_.results(original->job.id);
   LiveJob job(stored);
@@ -124,7 +126,7 @@ proto::Expected<proto::Job> JobService::enqueue(const StoredJob& stored,
                                                 const std::optional<IdempotencyKey>& request) {
   {
     const std::lock_guard lock(mutex_);
-    if (auto room = check_room(); !room) return proto::Unexpected(room.error());
+    if (auto room = check_room(stored.job.tenant); !room) return proto::Unexpected(room.error());
     ++submitting_;
   }
   auto job = std::make_shared<LiveJob>(stored);

@@ -11,10 +11,15 @@ proto::Unexpected no_such_job(const std::string& id) {
   return proto::fail("not_found", "There is no job " + id + ".");
 }
 
+std::string request_key(const std::string& tenant, const std::string& key) {
+  return tenant + " " + key;
+}
+
 void log_state(const proto::Job& job) {
   nlohmann::json fields{
       {"job", job.id}, {"state", proto::to_string(job.state)}, {"attempt", job.attempt}};
   if (job.error) fields["code"] = job.error->code;
+  if (!job.tenant.empty()) fields["tenant"] = job.tenant;
   if (job.cached) fields["cached"] = true;
   log_line(job.state == proto::JobState::kFailed ? LogLevel::kWarn : LogLevel::kInfo, "job",
            fields);

@@ -6,6 +6,10 @@
 
 namespace kiln::server {
 
+JobQueue::Entry queue_entry(const StoredJob& s) {
+  return {s.job.tenant, s.job.priority, s.sequence};
+}
+
 LiveJob::LiveJob(StoredJob from, std::vector<proto::Event> kept)
     : id(from.job.id), stored(std::move(from)) {
   const std::uint64_t last = kept.empty() ? 0 : kept.back().id;

@@ -10,9 +10,13 @@
 
 #include "baker/bake.h"
 #include "server/jobs/event_ring.h"
+#include "server/jobs/job_queue.h"
 #include "server/jobs/job_store.h"
 
 namespace kiln::server {
+
+/// Where a job stands in the queue.
+JobQueue::Entry queue_entry(const StoredJob&);
 
 /// A job that is not over, in memory. Every change of `stored` goes through change(), which keeps
 /// store, events and memory in step.

@@ -13,7 +13,7 @@ namespace kiln::server {
 
 /// The service's folder. One server at a time owns it, by a lock that the kernel drops with the
 /// process.
-///   lock  jobs.db  scenes/<sha256>/  jobs/<id>/{checkpoints,results}/  tmp/
+///   lock  jobs.db  tokens.db  scenes/<sha256>/  jobs/<id>/{checkpoints,results}/  tmp/
 class DataFolder {
  public:
   /// Creates what is missing, takes the lock and empties tmp/.
@@ -22,6 +22,11 @@ class DataFolder {
 
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path database() const { return root_ / "jobs.db"; }
+  std::filesystem::path tokens() const { return tokens_of(root_); }
+  /// The token database of a folder that another process may own.
+  static std::filesystem::path tokens_of(const std::filesystem::path& root) {
+    return root / "tokens.db";
+  }
   std::filesystem::path scenes() const { return root_ / "scenes"; }
   std::filesystem::path temporary() const { return root_ / "tmp"; }
   std::filesystem::path job(const std::string& id) const { return root_ / "jobs" / id; }

@@ -36,12 +36,13 @@ pid_t spawn(const std::vector<std::string>& words, int log) {
   return pid;
 }
 
-// The port in the line that says `ready`: "api":"http://127.0.0.1:<port>".
+// The port in the line that says `ready`: "api":"http://<address>:<port>".
 std::uint16_t port_after(const std::string& log, const std::string& key) {
-  const auto at = log.find("\"" + key + "\":\"http://127.0.0.1:");
+  const std::string beginning = "\"" + key + "\":\"http://";
+  const auto at = log.find(beginning);
   if (at == std::string::npos) return 0;
-  const auto colon = log.find("127.0.0.1:", at) + 10;
-  return static_cast<std::uint16_t>(std::stoul(log.substr(colon, 5)));
+  const auto colon = log.find(':', at + beginning.size());
+  return static_cast<std::uint16_t>(std::stoul(log.substr(colon + 1, 5)));
 }
 
 std::string file_text(const std::filesystem::path& path) {

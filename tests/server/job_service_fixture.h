@@ -45,7 +45,7 @@ class JobServiceTest : public ::testing::Test {
   }
   /// A job that is baked, whatever was baked before.
   Submission submission() {
-    Submission s{scene(), {}, {}, {}};
+    Submission s{scene(), {}, {}, {}, {}};
     s.options.dedupe = false;
     return s;
   }

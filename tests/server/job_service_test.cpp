@@ -45,7 +45,7 @@ TEST_F(JobServiceTest, BoundsTheQueue) {
   submit();
   submit();
   EXPECT_EQ(jobs().submit(submission()).error().code, "queue_full");
-  EXPECT_EQ(jobs().accepting().error().code, "queue_full");
+  EXPECT_EQ(jobs().accepting("").error().code, "queue_full");
   fake_.go = true;
 }
 

@@ -82,20 +82,23 @@ TEST(JobStore, ListsNewestFirstByPageAndState) {
     store.insert(stored, {{1, "job.state", "{}"}});
     ids.push_back(stored.job.id);
   }
-  const auto first = store.list({std::nullopt, {}, 2, std::nullopt});
+  const auto first = store.list({std::nullopt, std::nullopt, {}, 2, std::nullopt});
   ASSERT_EQ(first.size(), 2u);
   EXPECT_EQ(first[0].job.id, ids[4]);
-  const auto second = store.list({std::nullopt, {}, 2, first[1].sequence});
+  const auto second = store.list({std::nullopt, std::nullopt, {}, 2, first[1].sequence});
   EXPECT_EQ(second.at(0).job.id, ids[2]);
-  const auto done = store.list({JobState::kSucceeded, {}, 10, std::nullopt});
+  const auto done = store.list({std::nullopt, JobState::kSucceeded, {}, 10, std::nullopt});
   ASSERT_EQ(done.size(), 1u);
   EXPECT_EQ(done[0].job.id, ids[2]);
   EXPECT_EQ(store.unfinished().size(), 4u);
-  EXPECT_EQ(store.list({std::nullopt, {{"parity", "even"}}, 10, std::nullopt}).size(), 3u);
-  const auto one = store.list({std::nullopt, {{"parity", "even"}, {"i", "4"}}, 10, std::nullopt});
+  EXPECT_EQ(store.list({std::nullopt, std::nullopt, {{"parity", "even"}}, 10, std::nullopt}).size(),
+            3u);
+  const auto one =
+      store.list({std::nullopt, std::nullopt, {{"parity", "even"}, {"i", "4"}}, 10, std::nullopt});
   ASSERT_EQ(one.size(), 1u);
   EXPECT_EQ(one[0].job.id, ids[4]);
-  EXPECT_TRUE(store.list({std::nullopt, {{"parity", "' OR 1=1"}}, 10, std::nullopt}).empty());
+  EXPECT_TRUE(
+      store.list({std::nullopt, std::nullopt, {{"parity", "' OR 1=1"}}, 10, std::nullopt}).empty());
 }
 
 TEST(JobStore, ForgetsOldEventsOfLongJobs) {
@@ -173,7 +176,7 @@ TEST(JobStore, TakesOverAStoreOfVersion1) {
     EXPECT_FALSE(running[0].job.cached);
     EXPECT_EQ(store.events_after("job_a", 0).size(), 1u);
     EXPECT_EQ(store.results("job_b").at(0).bytes, 5u);
-    EXPECT_FALSE(store.find_succeeded("")) << "a job without a key is no one's twin";
+    EXPECT_FALSE(store.find_succeeded("", "")) << "a job without a key is no one's twin";
     EXPECT_TRUE(store.writable());
   }
   JobStore store(path);

@@ -42,11 +42,11 @@ TEST_F(Submit, AnIdempotencyKeyNamesOneJob) {
   start(fake_.instant());  // over a restart
   EXPECT_EQ(jobs().submit(s)->job.id, first->job.id);
   jobs().begin_drain();
-  EXPECT_TRUE(jobs().accepting("k1")) << "an answer that was given takes no room";
-  EXPECT_FALSE(jobs().accepting("k3"));
+  EXPECT_TRUE(jobs().accepting("", "k1")) << "an answer that was given takes no room";
+  EXPECT_FALSE(jobs().accepting("", "k3"));
   EXPECT_EQ(jobs().submit(s)->job.id, first->job.id);
   EXPECT_TRUE(jobs().remove(first->job.id, false));
-  EXPECT_FALSE(jobs().accepting("k1")) << "the key goes with the job";
+  EXPECT_FALSE(jobs().accepting("", "k1")) << "the key goes with the job";
 }
 
 TEST_F(Submit, AnIdenticalBakeIsNotMadeAgain) {

@@ -1,0 +1,115 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include "server/auth/token_store.h"
+#include "server/cli/commands.h"
+#include "server/cli/config.h"
+#include "server/cli/report.h"
+#include "server/storage/data_folder.h"
+
+namespace kiln::cli {
+namespace {
+
+struct TokenFlags {
+  std::string data, tenant, id;
+  std::vector<std::string> scopes{"read", "write"};
+  std::uint32_t days = 0;
+};
+
+using Work = std::function<int(server::TokenStore&, const TokenFlags&)>;
+
+// The service's own data folder, found by its own rules; the service may run meanwhile.
+int with_store(const TokenFlags& flags, const Work& work) {
+  ConfigSources sources;
+  if (!flags.data.empty()) sources.flags["data"] = flags.data;
+  sources.environment = process_environment();
+  const auto loaded = load_config(sources);
+  if (!loaded) return report(loaded.error());
+  const auto& data = loaded->config.data;
+  std::error_code error;
+  std::filesystem::create_directories(data, error);
+  if (error)
+    return report(
+        {"io_error", "can't make the folder " + data.string() + ": " + error.message(), {}});
+  try {
+    server::TokenStore store(server::DataFolder::tokens_of(data));
+    return work(store, flags);
+  } catch (const server::DatabaseError& e) {
+    return report({"io_error", e.what(), {}});
+  }
+}
+
+int create(server::TokenStore& store, const TokenFlags& flags) {
+  constexpr std::uint64_t kDay = 86'400;
+  const auto made = store.create(flags.tenant, flags.scopes, flags.days * kDay);
+  if (!made) return report(made.error());
+  std::fprintf(stderr, "%s: keep what follows, it is shown this once\n", made->token.id.c_str());
+  std::puts(made->secret.c_str());
+  return kDone;
+}
+
+int list(server::TokenStore& store, const TokenFlags&) {
+  for (const auto& token : store.list()) {
+    std::string scopes;
+    for (const auto& scope : token.scopes) scopes += (scopes.empty() ? "" : ",") + scope;
+    const std::string end = !token.revoked_at.empty()   ? "revoked " + token.revoked_at
+                            : !token.expires_at.empty() ? "expires " + token.expires_at
+                                                        : "valid";
+    std::printf("%s  %-20s  %-16s  %s  %s\n", token.id.c_str(), token.tenant.c_str(),
+                scopes.c_str(), token.created_at.c_str(), end.c_str());
+  }
+  return kDone;
+}
+
+int revoke(server::TokenStore& store, const TokenFlags& flags) {
+  const auto done = store.revoke(flags.id);
+  return done ? int{kDone} : report(done.error());
+}
+
+CLI::App* add_action(CLI::App& token, const char* name, const char* help,
+                     const std::shared_ptr<TokenFlags>& flags, Run& run, const Work& work) {
+  auto* action = token.add_subcommand(name, help);
+  action->add_option("--data", flags->data, "The service's data folder [as of `serve`]")
+      ->type_name("DIR");
+  action->callback(
+      [flags, work, &run] { run = [flags, work] { return with_store(*flags, work); }; });
+  return action;
+}
+
+}  // namespace
+
+void add_token(CLI::App& app, Run& run) {
+  auto flags = std::make_shared<TokenFlags>();
+  auto* token = app.add_subcommand("token", "Who may use a service");
+  token->require_subcommand(1);
+  auto* made = add_action(*token, "create", "Make a token and print it", flags, run, create);
+  made->add_option("--tenant", flags->tenant, "Whose jobs it makes and sees")
+      ->required()
+      ->type_name("NAME");
+  made->add_option("--scope", flags->scopes,
+                   "What it may do: read, write, or admin (everything, for all tenants)\n"
+                   "[read and write]")
+      ->type_name("SCOPE")
+      ->take_all();
+  made->add_option("--expires-days", flags->days, "Days that it is valid; 0: until it is revoked")
+      ->check(CLI::Range(0u, 36'500u))
+      ->type_name("N")
+      ->capture_default_str();
+  add_action(*token, "list", "Show all tokens, without their secrets", flags, run, list);
+  auto* revoked = add_action(*token, "revoke", "Make a token invalid", flags, run, revoke);
+  revoked->add_option("id", flags->id, "The token's id: tok_...")->required()->type_name("ID");
+  token->footer(
+      R"text(Works on the service's data folder, while it runs or not; changes hold from the next request on.
+Once there is a token every request needs one, and the service may listen on other addresses than
+loopback.
+
+Examples:
+  lightkiln token create --tenant art > token
+  curl -H "Authorization: Bearer $(cat token)" http://bake:8080/v1/jobs
+  lightkiln submit room.glb --server http://bake:8080 --token-file token --wait -o out/
+  lightkiln token create --tenant ops --scope admin --expires-days 30)text");
+}
+
+}  // namespace kiln::cli

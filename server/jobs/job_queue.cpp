@@ -1,0 +1,66 @@
+#include "server/jobs/job_queue.h"
+
+#include <utility>
+
+namespace kiln::server {
+
+std::size_t JobQueue::count(const Counts& counts, const std::string& tenant) {
+  const auto found = counts.find(tenant);
+  return found == counts.end() ? 0 : found->second;
+}
+
+void JobQueue::less(Counts& counts, const std::string& tenant) {
+  const auto found = counts.find(tenant);
+  if (--found->second == 0) counts.erase(found);
+}
+
+void JobQueue::insert(const Entry& entry) {
+  if (!levels_[entry.priority][entry.tenant].insert(entry.sequence).second) return;
+  ++size_;
+  ++waiting_[entry.tenant];
+}
+
+bool JobQueue::contains(const Entry& entry) const {
+  const auto level = levels_.find(entry.priority);
+  if (level == levels_.end()) return false;
+  const auto jobs = level->second.find(entry.tenant);
+  return jobs != level->second.end() && jobs->second.contains(entry.sequence);
+}
+
+bool JobQueue::erase(const Entry& entry) {
+  if (!contains(entry)) return false;
+  const auto level = levels_.find(entry.priority);
+  const auto jobs = level->second.find(entry.tenant);
+  jobs->second.erase(entry.sequence);
+  if (jobs->second.empty()) level->second.erase(jobs);
+  if (level->second.empty()) levels_.erase(level);
+  --size_;
+  less(waiting_, entry.tenant);
+  return true;
+}
+
+std::optional<std::int64_t> JobQueue::take(std::size_t max_running) {
+  std::optional<Entry> best;
+  for (const auto& [priority, level] : levels_) {
+    std::pair<std::size_t, std::int64_t> best_rank;
+    for (const auto& [tenant, jobs] : level) {
+      const std::pair rank(count(running_, tenant), *jobs.begin());
+      if ((max_running > 0 && rank.first >= max_running) || (best && rank >= best_rank)) continue;
+      best = Entry{tenant, priority, rank.second};
+      best_rank = rank;
+    }
+    if (best) break;
+  }
+  if (!best) return std::nullopt;
+  erase(*best);
+  ++running_total_;
+  ++running_[best->tenant];
+  return best->sequence;
+}
+
+void JobQueue::release(const std::string& tenant) {
+  --running_total_;
+  less(running_, tenant);
+}
+
+}  // namespace kiln::server

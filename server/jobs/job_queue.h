@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+
+namespace kiln::server {
+
+/// Which job runs next: the highest priority; of the same priority the tenant with the fewest
+/// running jobs, so that many jobs of one keep no other waiting; of the same tenant the oldest.
+/// Not thread-safe.
+class JobQueue {
+ public:
+  struct Entry {
+    std::string tenant;
+    std::int64_t priority = 0;
+    std::int64_t sequence = 0;  ///< unique
+  };
+
+  void insert(const Entry&);
+  bool erase(const Entry&);  ///< whether it was there
+  bool contains(const Entry&) const;
+
+  /// Takes the next job out and counts it as running. Tenants with `max_running` running jobs wait;
+  /// 0: no limit.
+  std::optional<std::int64_t> take(std::size_t max_running);
+  void release(const std::string& tenant);  ///< a job that take() gave has stopped running
+
+  std::size_t size() const { return size_; }
+  std::size_t waiting(const std::string& tenant) const { return count(waiting_, tenant); }
+  std::size_t running() const { return running_total_; }
+
+ private:
+  using Counts = std::map<std::string, std::size_t>;
+  static std::size_t count(const Counts&, const std::string&);
+  static void less(Counts&, const std::string&);
+
+  using Level = std::map<std::string, std::set<std::int64_t>>;  ///< sequences by tenant
+  std::map<std::int64_t, Level, std::greater<>> levels_;        ///< by priority
+  std::size_t size_ = 0, running_total_ = 0;
+  Counts waiting_, running_;
+};
+
+}  // namespace kiln::server
