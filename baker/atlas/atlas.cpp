@@ -7,8 +7,8 @@
 
 #include "baker/atlas/layout.h"
 #include "baker/atlas/source_uv.h"
-#include "baker/atlas/stop.h"
 #include "baker/atlas/unwrap.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker {
 namespace {
@@ -119,7 +119,8 @@ class AtlasBuilder {
     const Surface surface = weld(scene_, scene_.instances[i], WeldBy::kPositionAndUv, stop_);
     if (stop_.stop_requested()) return;
     std::uint32_t count = 0;
-    const auto piece = connected_pieces(surface, &count);
+    const auto piece = connected_pieces(surface, &count, stop_);
+    if (stop_.stop_requested()) return;
     const std::uint32_t first = first_new_chart();
     if (!shared_ || shared_block_ == kNoBlock) open_source_block(i);
     const std::uint32_t block = shared_ ? shared_block_ : std::uint32_t(blocks_.size() - 1);

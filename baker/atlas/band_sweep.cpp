@@ -13,8 +13,9 @@ std::uint32_t key_of(int x, int y) {
 
 }  // namespace
 
-BandSweep::BandSweep(const Atlas& atlas, std::size_t max_fragments)
+BandSweep::BandSweep(const Atlas& atlas, std::size_t max_fragments, std::stop_token stop)
     : atlas_(atlas),
+      stopped_(std::move(stop)),
       max_fragments_(max_fragments),
       bands_((atlas.page_size + kBlock - 1) / kBlock) {
   constexpr std::uint32_t kFlat = 0xffffffffu;
@@ -27,6 +28,7 @@ BandSweep::BandSweep(const Atlas& atlas, std::size_t max_fragments)
     return atlas.page_of(t) * bands_ + band_of(top, bands_);
   };
   for (std::uint32_t t = 0; t < count; ++t) {
+    if (stopped_()) return;
     const std::uint32_t step = step_of(t);
     if (step == kFlat) {
       flat_.push_back(t);
@@ -38,6 +40,7 @@ BandSweep::BandSweep(const Atlas& atlas, std::size_t max_fragments)
   order_.resize(count - flat_.size());
   std::vector<std::uint32_t> at(first_.begin(), first_.end() - 1);
   for (std::uint32_t t = 0; t < count; ++t) {
+    if (stopped_()) return;
     if (const std::uint32_t step = step_of(t); step != kFlat) order_[at[step]++] = t;
   }
 }
@@ -67,7 +70,7 @@ bool BandSweep::cut_active() {
     for_texels(uv.polygon(), y0, y1, int(atlas_.page_size), [&](int x, int y, double area) {
       fragments_.push_back({key_of(x, y), t, area});
     });
-    if (fragments_.size() > max_fragments_) return false;
+    if (fragments_.size() > max_fragments_ || stopped_()) return false;
     if (std::max({uv.p[0].y, uv.p[1].y, uv.p[2].y}) > y1) active_[kept++] = t;
   }
   active_.resize(kept);

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "baker/atlas/clip.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker::atlas_detail {
 
@@ -17,17 +19,18 @@ struct Fragment {
 };
 
 /// Cuts the triangles of an atlas into fragments, page by page, band of 8 rows by band. Memory is
-/// bounded by the triangles and one band, whatever the page's size.
+/// bounded by the triangles and one band, whatever the page's size. Once stopped it holds nothing
+/// of use.
 class BandSweep {
  public:
-  BandSweep(const Atlas&, std::size_t max_fragments);
+  BandSweep(const Atlas&, std::size_t max_fragments, std::stop_token);
 
   std::uint32_t bands() const { return bands_; }
   /// Triangles without area on their page; they have no fragments.
   const std::vector<std::uint32_t>& flat_triangles() const { return flat_; }
 
   /// Fragments of the next band in (page, band) order, sorted by texel, then by first row of their
-  /// triangle and its index. False when a band holds more than max_fragments.
+  /// triangle and its index. False when a band holds more than max_fragments, or when stopped.
   bool next();
   std::uint32_t page() const { return page_; }
   std::uint32_t band() const { return band_; }
@@ -39,6 +42,7 @@ class BandSweep {
   void sort_by_texel();
 
   const Atlas& atlas_;
+  StopPoll stopped_;
   std::size_t max_fragments_ = 0;
   std::uint32_t bands_ = 0;  ///< per page
   std::uint32_t page_ = 0, band_ = 0, step_ = 0;

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "baker/atlas/stop.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker::atlas_detail {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "baker/atlas/stop.h"
+#include "baker/exec/stop.h"
 
 namespace {
 

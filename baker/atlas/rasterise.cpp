@@ -4,6 +4,7 @@
 #include "baker/atlas/band_sweep.h"
 #include "baker/atlas/sample_points.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker {
 namespace {
@@ -86,19 +87,23 @@ Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant 
   return sum * (1.f / float(points.size()));
 }
 
+proto::Unexpected stopped() {
+  return proto::fail(proto::kCanceledCode, "stopped while rasterising");
+}
+
 class Rasteriser {
  public:
-  Rasteriser(const Scene& scene, const Atlas& atlas)
-      : scene_(scene), atlas_(atlas), setups_(scene, atlas) {}
+  Rasteriser(const Scene& scene, const Atlas& atlas, std::stop_token stop)
+      : scene_(scene), atlas_(atlas), stop_(std::move(stop)), setups_(scene, atlas) {}
 
-  proto::Expected<TextureGroup> run(std::stop_token stop, std::size_t max_pieces) {
+  proto::Expected<TextureGroup> run(std::size_t max_pieces) {
     open_pages();
     reserve();
-    BandSweep sweep(atlas_, max_pieces);
+    BandSweep sweep(atlas_, max_pieces, stop_);
     for (std::uint32_t i = 0; i < atlas_.page_count * sweep.bands(); ++i) {
-      if (stop.stop_requested())
-        return proto::fail(proto::kCanceledCode, "stopped while rasterising");
+      if (stop_.stop_requested()) return stopped();
       if (!sweep.next()) {
+        if (stop_.stop_requested()) return stopped();
         return proto::fail("limit_exceeded",
                            "too many triangles meet in eight rows of a lightmap page");
       }
@@ -108,6 +113,7 @@ class Rasteriser {
     adopt_orphans();
     group_.front_count = group_.size();
     add_backs();
+    if (stop_.stop_requested()) return stopped();
     return std::move(group_);
   }
 
@@ -126,7 +132,9 @@ class Rasteriser {
     const double page = double(atlas_.page_size) * double(atlas_.page_size);
     double most = 0;
     bool two_sided = false;
+    StopPoll poll(stop_);
     for (std::uint32_t t = 0; t < atlas_.triangles.size(); ++t) {
+      if (poll()) return;
       const UvTriangle uv(atlas_, t);
       Interval xs, ys;
       for (const Point p : uv.p) xs.add(p.x), ys.add(p.y);
@@ -145,7 +153,8 @@ class Rasteriser {
 
   void add_band(const BandSweep& sweep) {
     const auto& all = sweep.fragments();
-    for (std::size_t begin = 0, end = 0; begin < all.size(); begin = end) {
+    StopPoll poll(stop_);
+    for (std::size_t begin = 0, end = 0; begin < all.size() && !poll(); begin = end) {
       const std::uint32_t key = all[begin].key;
       while (end < all.size() && all[end].key == key) ++end;
       const std::uint32_t x = (key >> 6) * kBlock + (key & 7);
@@ -268,7 +277,9 @@ class Rasteriser {
 
   void adopt_orphans() {
     const int size = int(atlas_.page_size);
+    StopPoll poll(stop_);
     for (const Orphan& o : orphans_) {
+      if (poll()) return;
       const auto& texel_at = group_.pages[o.page].texel_at;
       std::int32_t heir = o.any_owner ? texel_at[std::size_t(o.y) * atlas_.page_size + o.x] : -1;
       for (const Offset d : kNearby) {
@@ -284,7 +295,9 @@ class Rasteriser {
   }
 
   void add_backs() {
+    StopPoll poll(stop_);
     for (std::uint32_t t = 0; t < group_.front_count; ++t) {
+      if (poll()) return;
       if (!scene_.material_of(group_.triangle[t]).double_sided) continue;
       group_.back[t] = std::int32_t(size());
       group_.back.push_back(-1);
@@ -308,6 +321,7 @@ class Rasteriser {
   };
   const Scene& scene_;
   const Atlas& atlas_;
+  std::stop_token stop_;
   SetupCache setups_;
   TextureGroup group_;
   std::vector<Orphan> orphans_;
@@ -319,7 +333,7 @@ class Rasteriser {
 
 proto::Expected<TextureGroup> rasterise(const Scene& scene, const Atlas& atlas,
                                         std::stop_token stop, std::size_t max_pieces) {
-  return Rasteriser(scene, atlas).run(stop, max_pieces);
+  return Rasteriser(scene, atlas, std::move(stop)).run(max_pieces);
 }
 
 }  // namespace kiln::baker

@@ -114,7 +114,8 @@ void check_folds(const Scene& scene, const Instance& instance, const std::stop_t
   const Surface surface = weld(scene, instance, WeldBy::kPositionAndUv, stop);
   if (stop.stop_requested()) return;
   std::uint32_t count = 0;
-  const auto piece = connected_pieces(surface, &count);
+  const auto piece = connected_pieces(surface, &count, stop);
+  if (stop.stop_requested()) return;
   struct Sides {
     double area[2] = {0, 0};
     std::uint32_t part = 0;

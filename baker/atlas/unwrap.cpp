@@ -4,7 +4,7 @@
 #include <numeric>
 
 #include "baker/atlas/flatten.h"
-#include "baker/atlas/stop.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker::atlas_detail {
 namespace {

@@ -4,7 +4,7 @@
 #include <numeric>
 #include <tuple>
 
-#include "baker/atlas/stop.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::baker::atlas_detail {
 namespace {
@@ -22,11 +22,13 @@ struct Corner {
 std::vector<std::uint32_t> weld_vertices(const Scene& scene, const Instance& instance, WeldBy by,
                                          std::uint32_t first_vertex, std::uint32_t end_vertex,
                                          const std::stop_token& stop) {
+  StopPoll stopped(stop);
   std::vector<Corner> corners;
   corners.reserve(end_vertex - first_vertex);
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
     const Part& part = scene.parts[instance.first_part + k];
     for (std::uint32_t i = 0; i < part.vertex_count; ++i) {
+      if (stopped()) return {};
       const std::uint32_t v = part.first_vertex + i;
       const Vec2 uv = by == WeldBy::kPosition ? Vec2{} : scene.lightmap_uv[v];
       corners.push_back({scene.positions[v], uv, v});
@@ -39,6 +41,7 @@ std::vector<std::uint32_t> weld_vertices(const Scene& scene, const Instance& ins
   std::vector<std::uint32_t> id(end_vertex - first_vertex, 0);
   std::uint32_t next = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (stopped()) return {};
     if (i > 0 && corners[i].key() != corners[i - 1].key()) ++next;
     id[corners[i].vertex - first_vertex] = next;
   }
@@ -77,9 +80,11 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
   std::sort(surface.triangles.begin(), surface.triangles.end());
   const auto id = weld_vertices(scene, instance, by, first_vertex, end_vertex, stop);
   if (id.empty()) return {};
+  StopPoll stopped(stop);
   std::vector<HalfEdge> edges;
   edges.reserve(surface.triangles.size() * 3);
   for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) {
+    if (stopped()) return {};
     const auto& v = scene.triangles[surface.triangles[t]];
     const bool two = scene.material_of(surface.triangles[t]).double_sided;
     for (std::uint8_t k = 0; k < 3; ++k) {
@@ -95,6 +100,7 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
   surface.neighbour.assign(surface.triangles.size(),
                            {Surface::kNone, Surface::kNone, Surface::kNone});
   for (std::size_t begin = 0, end = 0; begin < edges.size(); begin = end) {
+    if (stopped()) return {};
     while (end < edges.size() && edges[end].key() == edges[begin].key()) ++end;
     if (end - begin != 2) continue;
     const HalfEdge &a = edges[begin], &b = edges[begin + 1];
@@ -106,11 +112,15 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
   return surface;
 }
 
-std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_t* count) {
+std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_t* count,
+                                            const std::stop_token& stop) {
+  StopPoll stopped(stop);
+  *count = 0;
   const auto n = std::uint32_t(surface.triangles.size());
   std::vector<std::uint32_t> parent(n);
   std::iota(parent.begin(), parent.end(), 0u);
   for (std::uint32_t t = 0; t < n; ++t) {
+    if (stopped()) return {};
     for (const std::uint32_t other : surface.neighbour[t]) {
       if (other == Surface::kNone) continue;
       const std::uint32_t a = find(parent, t), b = find(parent, other);
@@ -120,6 +130,7 @@ std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_
   std::vector<std::uint32_t> piece(n);
   std::uint32_t next = 0;
   for (std::uint32_t t = 0; t < n; ++t) {
+    if (stopped()) return {};
     const std::uint32_t root = find(parent, t);
     piece[t] = root == t ? next++ : piece[root];
   }

@@ -30,7 +30,8 @@ enum class WeldBy {
 Surface weld(const Scene&, const Instance&, WeldBy, const std::stop_token&);
 
 /// Numbers the connected pieces from 0 in order of their first triangle; one entry per triangle of
-/// the surface.
-std::vector<std::uint32_t> connected_pieces(const Surface&, std::uint32_t* count);
+/// the surface. Nothing when stopped.
+std::vector<std::uint32_t> connected_pieces(const Surface&, std::uint32_t* count,
+                                            const std::stop_token&);
 
 }  // namespace kiln::baker::atlas_detail

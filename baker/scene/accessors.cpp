@@ -5,6 +5,8 @@
 #include <cstring>
 #include <limits>
 
+#include "baker/exec/stop.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/tinygltf.h"
 
@@ -13,16 +15,6 @@ namespace {
 
 using proto::Expected;
 using proto::Unexpected;
-
-Unexpected invalid(const std::string& why, const std::string& pointer) {
-  return proto::fail("invalid_scene", why, "scene", pointer);
-}
-
-Unexpected canceled() {
-  return proto::fail(proto::kCanceledCode, "canceled");
-}
-
-constexpr std::uint64_t kPollMask = 0xffff;  // a stop request is looked for this often
 
 std::string accessor_pointer(std::size_t i) {
   return pointer_to("/accessors", i);
@@ -244,9 +236,11 @@ std::array<float, 4> AccessorView::floats(std::uint64_t i) const {
   return out;
 }
 
-Expected<void> check_accessors(const Document& document) {
+Expected<void> check_accessors(const Document& document, const std::stop_token& stop) {
+  StopPoll stopped(stop);
   const auto& model = *document.model;
   for (std::size_t i = 0; i < model.accessors.size(); ++i) {
+    if (stopped()) return canceled();
     auto checked = check_accessor(model, model.accessors[i], accessor_pointer(i));
     if (!checked) return checked;
   }
@@ -295,8 +289,9 @@ Expected<AccessorView> Accessors::view_of(int accessor) const {
 
 Expected<void> Accessors::check_sparse(const AccessorView& v, const std::string& at) const {
   const std::size_t size = size_of(v.sparse_component);
+  StopPoll stopped(stop_);
   for (std::uint32_t s = 0; s < v.sparse_count; ++s) {
-    if ((s & kPollMask) == 0 && stop_.stop_requested()) return canceled();
+    if (stopped()) return canceled();
     const auto index = load_unsigned(v.sparse_indices + s * size, v.sparse_component);
     const bool ascends =
         s == 0 || index > load_unsigned(v.sparse_indices + (s - 1) * size, v.sparse_component);
@@ -316,8 +311,9 @@ Expected<void> Accessors::check_contents(const AccessorView& v, int accessor) {
   bool outside = false;
   // Zeros of an accessor without data need no look: its count is a mere claim.
   const std::uint64_t n = v.data ? v.count : v.sparse_count;
+  StopPoll stopped(stop_);
   for (std::uint64_t k = 0; k < n; ++k) {
-    if ((k & kPollMask) == 0 && stop_.stop_requested()) return canceled();
+    if (stopped()) return canceled();
     const std::uint64_t i =
         v.data
             ? k

@@ -47,8 +47,8 @@ struct AccessorView {
 };
 
 /// Type, alignment, stride and range of every accessor against its buffer view.
-/// Errors: `invalid_scene`.
-proto::Expected<void> check_accessors(const Document&);
+/// Errors: `invalid_scene`, `canceled`.
+proto::Expected<void> check_accessors(const Document&, const std::stop_token&);
 
 /// What a use of an accessor allows.
 struct AccessorFormat {

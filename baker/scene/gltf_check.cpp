@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "baker/exec/stop.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/gltf_schema.h"
 
@@ -19,7 +21,7 @@ using nlohmann::json;
 /// is kept as a path, since a pointer's text is needed only when something is wrong.
 class Checker {
  public:
-  explicit Checker(json& root) : root_(root) {}
+  Checker(json& root, const std::stop_token& stop) : root_(root), stopped_(stop) {}
 
   proto::Expected<void> run() {
     if (!check_object(root_, gltf_fields())) return proto::Unexpected(error_);
@@ -37,12 +39,16 @@ class Checker {
     for (const Step& step : path_) {
       pointer = step.key.data() ? pointer_to(pointer, step.key) : pointer_to(pointer, step.index);
     }
-    error_ = proto::fail("invalid_scene", what, "scene", pointer).value();
+    error_ = invalid(what, pointer).value();
     return false;
   }
 
   template <class Check>
   bool within(Step step, Check check) {
+    if (stopped_()) {
+      error_ = canceled().value();
+      return false;
+    }
     path_.push_back(step);
     const bool fine = check();
     path_.pop_back();
@@ -183,6 +189,7 @@ class Checker {
   }
 
   json& root_;
+  StopPoll stopped_;
   proto::Error error_;
   std::vector<Step> path_;
   const char* size_target_ = nullptr;
@@ -191,8 +198,8 @@ class Checker {
 
 }  // namespace
 
-proto::Expected<void> check_gltf(json& document) {
-  return Checker(document).run();
+proto::Expected<void> check_gltf(json& document, const std::stop_token& stop) {
+  return Checker(document, stop).run();
 }
 
 }  // namespace kiln::baker

@@ -2,8 +2,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/accessors.h"
 #include "baker/scene/container.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/extensions.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/gltf_model.h"
@@ -16,10 +18,6 @@ namespace {
 using nlohmann::json;
 using proto::Expected;
 using proto::Unexpected;
-
-Unexpected invalid(const std::string& why, const std::string& pointer) {
-  return proto::fail("invalid_scene", why, "scene", pointer);
-}
 
 /// "2.0" as {2, 0}; nothing for other texts.
 std::optional<std::pair<int, int>> parse_version(const std::string& text) {
@@ -66,7 +64,7 @@ Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const
 Expected<void> load_buffers(Document& document, const json& buffers, const Container& container,
                             const std::stop_token& stop) {
   for (std::size_t i = 0; i < buffers.size(); ++i) {
-    if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+    if (stop.stop_requested()) return canceled();
     const auto bytes = buffer_bytes(document, buffers[i], i, container);
     if (!bytes) return Unexpected(bytes.error());
     const auto length = buffers[i].at("byteLength").get<std::uint64_t>();
@@ -114,10 +112,12 @@ void read_images(Document& document, const json& images) {
 }
 
 /// The library refuses such primitives without saying where they are.
-Expected<void> check_index_accessors(const json& document) {
+Expected<void> check_index_accessors(const json& document, const std::stop_token& stop) {
   if (!document.contains("meshes") || !document.contains("accessors")) return {};
   const json& accessors = document.at("accessors");
+  StopPoll stopped(stop);
   for (const json& mesh : document.at("meshes")) {
+    if (stopped()) return canceled();
     for (const json& primitive : mesh.at("primitives")) {
       if (!primitive.contains("indices")) continue;
       const auto index = primitive.at("indices").get<std::size_t>();
@@ -148,26 +148,31 @@ Expected<void> read_document(Document& document, const Container& container,
   auto parsed = parse_gltf_json(container.json, stop);
   if (!parsed) return Unexpected(parsed.error());
   if (auto known = check_required_extensions(*parsed); !known) return known;
-  if (auto checked = check_gltf(*parsed); !checked) return checked;
+  if (auto checked = check_gltf(*parsed, stop); !checked) return checked;
   if (auto version = check_version(parsed->at("asset")); !version) return version;
   if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
     return proto::fail("limit_exceeded", "more than " + std::to_string(limits.nodes) + " nodes",
                        "scene", "/nodes");
   }
-  if (auto usable = check_index_accessors(*parsed); !usable) return usable;
+  if (stop.stop_requested()) return canceled();
+  if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
   const json buffers = take(*parsed, "buffers");
   read_images(document, take(*parsed, "images"));
   document.has_animations = !take(*parsed, "animations").empty();
   take(*parsed, "skins");
   take(*parsed, "cameras");
-  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+  if (stop.stop_requested()) return canceled();
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
-  const json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
-             accessors = take(*parsed, "accessors");
+  json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
+       accessors = take(*parsed, "accessors");
   if (auto model = read_model(document, *parsed); !model) return model;
-  read_nodes(*document.model, nodes);
-  read_meshes(*document.model, meshes);
-  read_accessors(*document.model, accessors);
+  StopPoll stopped(stop);
+  read_nodes(*document.model, nodes, stopped);
+  nodes.clear();  // so that no more than needed is left to be freed when a stop comes
+  read_meshes(*document.model, meshes, stopped);
+  meshes.clear();
+  read_accessors(*document.model, accessors, stopped);
+  if (stop.stop_requested()) return canceled();
   return check_buffer_views(*document.model, buffers);
 }
 
@@ -221,7 +226,7 @@ Expected<Document> open_document(const SceneFiles& files, const ImportLimits& li
   if (auto read = read_document(document, *container, limits, stop); !read) {
     return Unexpected(read.error());
   }
-  if (auto checked = check_accessors(document); !checked) return Unexpected(checked.error());
+  if (auto checked = check_accessors(document, stop); !checked) return Unexpected(checked.error());
   warn_of_extensions(document);
   return document;
 }

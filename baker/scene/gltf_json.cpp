@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_schema.h"
 
 namespace kiln::baker {
@@ -95,7 +96,7 @@ class PruningReader {
   bool count() {
     if (++values_ > kMaxValues) return limit("the JSON holds more than 16 million values");
     if (values_ % kPollInterval == 0 && stop_.stop_requested()) {
-      error_ = proto::fail(proto::kCanceledCode, "canceled").value();
+      error_ = canceled().value();
       return false;
     }
     return true;

@@ -25,7 +25,7 @@ proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text, const std
 
 /// Checks every property of a document that parse_gltf_json returned: presence, type, range, and
 /// that each index has its target. Whole numbers become unsigned integers where integers are due
-/// ("1.0" is legal). Errors: `invalid_scene` with the first wrong place.
-proto::Expected<void> check_gltf(nlohmann::json& document);
+/// ("1.0" is legal). Errors: `invalid_scene` with the first wrong place, `canceled`.
+proto::Expected<void> check_gltf(nlohmann::json& document, const std::stop_token&);
 
 }  // namespace kiln::baker

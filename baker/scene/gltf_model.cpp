@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/tinygltf.h"
 
 namespace kiln::baker {
@@ -62,9 +63,9 @@ void read_sparse(decltype(tinygltf::Accessor::sparse)& out, const json& from) {
 
 }  // namespace
 
-void read_nodes(tinygltf::Model& model, const json& nodes) {
+void read_nodes(tinygltf::Model& model, const json& nodes, StopPoll& stopped) {
   model.nodes.resize(nodes.size());
-  for (std::size_t i = 0; i < nodes.size(); ++i) {
+  for (std::size_t i = 0; i < nodes.size() && !stopped(); ++i) {
     const json& from = nodes[i];
     tinygltf::Node& node = model.nodes[i];
     node.name = from.value("name", "");
@@ -83,9 +84,9 @@ void read_nodes(tinygltf::Model& model, const json& nodes) {
   }
 }
 
-void read_meshes(tinygltf::Model& model, const json& meshes) {
+void read_meshes(tinygltf::Model& model, const json& meshes, StopPoll& stopped) {
   model.meshes.resize(meshes.size());
-  for (std::size_t i = 0; i < meshes.size(); ++i) {
+  for (std::size_t i = 0; i < meshes.size() && !stopped(); ++i) {
     model.meshes[i].name = meshes[i].value("name", "");
     for (const json& primitive : meshes[i].at("primitives")) {
       model.meshes[i].primitives.push_back(primitive_of(primitive));
@@ -93,9 +94,9 @@ void read_meshes(tinygltf::Model& model, const json& meshes) {
   }
 }
 
-void read_accessors(tinygltf::Model& model, const json& accessors) {
+void read_accessors(tinygltf::Model& model, const json& accessors, StopPoll& stopped) {
   model.accessors.resize(accessors.size());
-  for (std::size_t i = 0; i < accessors.size(); ++i) {
+  for (std::size_t i = 0; i < accessors.size() && !stopped(); ++i) {
     const json& from = accessors[i];
     tinygltf::Accessor& out = model.accessors[i];
     out.bufferView = from.value("bufferView", -1);

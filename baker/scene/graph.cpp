@@ -4,6 +4,8 @@
 #include <optional>
 #include <string>
 
+#include "baker/exec/stop.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/tinygltf.h"
 
@@ -14,10 +16,6 @@ using proto::Expected;
 using proto::Unexpected;
 
 constexpr std::uint32_t kNone = 0xffffffffu;
-
-Unexpected invalid(const std::string& why, const std::string& pointer) {
-  return proto::fail("invalid_scene", why, "scene", pointer);
-}
 
 std::string node_pointer(std::uint32_t node) {
   return pointer_to("/nodes", node);
@@ -65,9 +63,10 @@ Expected<Transform> local_transform(const tinygltf::Node& node, const std::strin
 }
 
 /// Each node's parent, kNone for roots.
-Expected<std::vector<std::uint32_t>> find_parents(const tinygltf::Model& model) {
+Expected<std::vector<std::uint32_t>> find_parents(const tinygltf::Model& model, StopPoll& stopped) {
   std::vector<std::uint32_t> parent(model.nodes.size(), kNone);
   for (std::uint32_t n = 0; n < model.nodes.size(); ++n) {
+    if (stopped()) return canceled();
     for (std::size_t c = 0; c < model.nodes[n].children.size(); ++c) {
       const auto child = static_cast<std::size_t>(model.nodes[n].children[c]);
       if (parent[child] != kNone) {
@@ -83,7 +82,7 @@ Expected<std::vector<std::uint32_t>> find_parents(const tinygltf::Model& model) 
 
 /// With one parent each, nodes that no root leads to lie on or under a cycle.
 Expected<void> check_no_cycle(const tinygltf::Model& model,
-                              const std::vector<std::uint32_t>& parent) {
+                              const std::vector<std::uint32_t>& parent, StopPoll& stopped) {
   std::vector<std::uint32_t> open;
   std::size_t reached = 0;
   std::vector<bool> seen(parent.size(), false);
@@ -91,6 +90,7 @@ Expected<void> check_no_cycle(const tinygltf::Model& model,
     if (parent[n] == kNone) open.push_back(n);
   }
   while (!open.empty()) {
+    if (stopped()) return canceled();
     const auto n = open.back();
     open.pop_back();
     seen[n] = true;
@@ -141,11 +141,13 @@ struct Visit {
 
 }  // namespace
 
-Expected<std::vector<PlacedNode>> place_nodes(Document& document, const ImportLimits& limits) {
+Expected<std::vector<PlacedNode>> place_nodes(Document& document, const ImportLimits& limits,
+                                              const std::stop_token& stop) {
   const auto& nodes = document.model->nodes;
-  const auto parent = find_parents(*document.model);
+  StopPoll stopped(stop);
+  const auto parent = find_parents(*document.model, stopped);
   if (!parent) return Unexpected(parent.error());
-  if (auto acyclic = check_no_cycle(*document.model, *parent); !acyclic) {
+  if (auto acyclic = check_no_cycle(*document.model, *parent, stopped); !acyclic) {
     return Unexpected(acyclic.error());
   }
   const auto roots = scene_roots(document, *parent);
@@ -154,6 +156,7 @@ Expected<std::vector<PlacedNode>> place_nodes(Document& document, const ImportLi
   for (auto root = roots->rbegin(); root != roots->rend(); ++root) open.push_back({*root, 1, {}});
   std::vector<PlacedNode> placed;
   while (!open.empty()) {
+    if (stopped()) return canceled();
     const Visit visit = open.back();
     open.pop_back();
     const std::string at = node_pointer(visit.node);

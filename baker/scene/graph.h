@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "baker/scene/gltf_document.h"
@@ -18,7 +19,8 @@ struct PlacedNode {
 /// The nodes of the document's scene (`scene`, else the first; a file without scenes: all roots,
 /// with a warning), parents before children, in document order. Errors: `invalid_scene`: cycles,
 /// nodes with two parents, a scene that lists a child, transforms that aren't affine;
-/// `limit_exceeded`: too deep.
-proto::Expected<std::vector<PlacedNode>> place_nodes(Document&, const ImportLimits&);
+/// `limit_exceeded`: too deep; `canceled`.
+proto::Expected<std::vector<PlacedNode>> place_nodes(Document&, const ImportLimits&,
+                                                     const std::stop_token&);
 
 }  // namespace kiln::baker

@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/uri.h"
 
@@ -167,7 +168,7 @@ class Decoder {
     const int band = std::max(1, (1 << 20) / width);
     std::vector<std::uint8_t> rows;
     for (int y = 0; y < height; y += band) {
-      if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+      if (stop_.stop_requested()) return canceled();
       const int end = std::min(y + band, height);
       const std::size_t pixels = std::size_t(out.width) * static_cast<std::size_t>(end - y);
       rows.resize(pixels * static_cast<std::size_t>(channels));

@@ -1,16 +1,19 @@
 #include "baker/scene/import.h"
 
+#include <algorithm>
 #include <map>
 #include <set>
 #include <utility>
 
-#include "baker/scene/geometry.h"
+#include "baker/exec/stop.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/graph.h"
 #include "baker/scene/images.h"
 #include "baker/scene/lights.h"
 #include "baker/scene/materials.h"
 #include "baker/scene/tinygltf.h"
+#include "baker/scene/world_primitive.h"
 
 namespace kiln::baker {
 namespace {
@@ -46,13 +49,19 @@ class MaterialTable {
 /// What import and check share: the walk over all primitives of all placed nodes.
 struct Import {
   Import(Document& d, const ImportLimits& limits, std::stop_token s)
-      : document(d), accessors(d, s), materials(d), budget(limits), stop(std::move(s)) {}
+      : document(d),
+        accessors(d, s),
+        materials(d),
+        budget(limits),
+        stop(s),
+        stopped(std::move(s)) {}
 
   Document& document;
   Accessors accessors;
   MaterialTable materials;
   GeometryBudget budget;
   std::stop_token stop;
+  StopPoll stopped;
   bool emissive = false;  ///< a triangle that is kept has an emissive material
 
   void note_dropped(const WorldPrimitive& world, const std::string& pointer) {
@@ -76,8 +85,14 @@ std::string instance_name(const tinygltf::Model& model, std::uint32_t node, std:
 /// Reads an attribute for each vertex of a part; `fallback` where the primitive has none.
 template <class T, class Read>
 void append(std::vector<T>& to, const std::optional<AccessorView>& view,
-            const std::vector<std::uint32_t>& source_vertex, T fallback, Read read) {
-  for (const std::uint32_t v : source_vertex) to.push_back(view ? read(view->floats(v)) : fallback);
+            const std::vector<std::uint32_t>& source_vertex, T fallback, StopPoll& stopped,
+            Read read) {
+  const std::size_t size = to.size() + source_vertex.size();
+  if (size > to.capacity()) to.reserve(std::max(size, 2 * to.capacity()));
+  for (const std::uint32_t v : source_vertex) {
+    if (stopped()) return;
+    to.push_back(view ? read(view->floats(v)) : fallback);
+  }
 }
 
 std::optional<AccessorView> uv_set(const PrimitiveSource& source, std::uint32_t set) {
@@ -93,11 +108,12 @@ void append_uv(std::vector<Vec2>& to, Import& import, const PrimitiveSource& sou
                                  "a texture needs TEXCOORD_" + std::to_string(uv.set) +
                                      ", which the primitive has not: its corner texel is used");
   }
-  append(to, view, vertices, Vec2{}, [&](const std::array<float, 4>& v) {
+  append(to, view, vertices, Vec2{}, import.stopped, [&](const std::array<float, 4>& v) {
     return uv.apply({v[0], v[1]});
   });
 }
 
+/// When stopped, the part may lack some of its vertices.
 void append_part(Scene& scene, Import& import, const PrimitiveSource& source, WorldPrimitive world,
                  std::uint32_t primitive, std::uint32_t material) {
   Part part;
@@ -114,11 +130,12 @@ void append_part(Scene& scene, Import& import, const PrimitiveSource& source, Wo
   append_uv(scene.base_uv, import, source, vertices, m.base_uv, m.material.base_texture.image >= 0);
   append_uv(scene.emission_uv, import, source, vertices, m.emission_uv,
             m.material.emission_texture.image >= 0);
-  append(scene.lightmap_uv, uv_set(source, 1), vertices, Vec2{}, [](const std::array<float, 4>& v) {
-    return Vec2{v[0], v[1]};
-  });
+  append(scene.lightmap_uv, uv_set(source, 1), vertices, Vec2{}, import.stopped,
+         [](const std::array<float, 4>& v) {
+           return Vec2{v[0], v[1]};
+         });
   const bool has_alpha = source.colors && source.colors->components == 4;
-  append(scene.colors, source.colors, vertices, std::array<float, 4>{1, 1, 1, 1},
+  append(scene.colors, source.colors, vertices, std::array<float, 4>{1, 1, 1, 1}, import.stopped,
          [&](std::array<float, 4> v) {
            if (!has_alpha) v[3] = 1;
            return v;
@@ -158,6 +175,7 @@ Expected<void> append_instance(Scene& scene, Import& import, const PlacedNode& p
     const std::uint32_t material = import.materials.index_of(primitives[p].material);
     import.emissive |= !is_black(import.materials.at(material).material.emission);
     append_part(scene, import, **source, std::move(*world), p, material);
+    if (import.stop.stop_requested()) return canceled();
     ++instance.part_count;
   }
   if (instance.part_count > 0) scene.instances.push_back(std::move(instance));
@@ -244,7 +262,7 @@ Expected<void> check_scene(const SceneFiles& files, const proto::BakeSettings& s
                            const ImportLimits& limits, std::stop_token stop) {
   auto document = open_document(files, limits, stop);
   if (!document) return Unexpected(document.error());
-  const auto placed = place_nodes(*document, limits);
+  const auto placed = place_nodes(*document, limits, stop);
   if (!placed) return Unexpected(placed.error());
   Import import(*document, limits, stop);
   const auto has_triangles = check_geometry(import, *placed);
@@ -261,7 +279,7 @@ Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings&
                              const ImportLimits& limits, std::stop_token stop) {
   auto document = open_document(files, limits, stop);
   if (!document) return Unexpected(document.error());
-  const auto placed = place_nodes(*document, limits);
+  const auto placed = place_nodes(*document, limits, stop);
   if (!placed) return Unexpected(placed.error());
   Import import(*document, limits, stop);
   Scene scene;

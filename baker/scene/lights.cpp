@@ -3,6 +3,7 @@
 #include <cmath>
 #include <string>
 
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/tinygltf.h"
 
@@ -13,10 +14,6 @@ using proto::Expected;
 using proto::Unexpected;
 
 constexpr float kHalfPi = kPi / 2;
-
-Unexpected invalid(const std::string& why, const std::string& pointer) {
-  return proto::fail("invalid_scene", why, "scene", pointer);
-}
 
 Rgb color_of(const tinygltf::Light& light) {
   const float scale = static_cast<float>(light.intensity);

@@ -1,19 +1,20 @@
 // A stop request is seen within a second, wherever the work is.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
-#include <thread>
 
 #include "baker/atlas/atlas.h"
-#include "baker/atlas/stop.h"
+#include "baker/atlas/texture_group.h"
+#include "baker/exec/stop.h"
 #include "support/sanitizer.h"
 #include "support/scenes.h"
+#include "support/stop_timing.h"
 
 namespace kiln::baker {
 namespace {
 
 using namespace std::chrono_literals;
-using Clock = std::chrono::steady_clock;
 
 /// Hills of n x n cells; `loose`: no two triangles share an edge, so that each is a chart.
 Scene hills(std::uint32_t n, bool loose) {
@@ -37,21 +38,9 @@ Scene hills(std::uint32_t n, bool loose) {
   return test::SceneBuilder().part(m).build();
 }
 
-/// How long build_atlas goes on after a stop that comes `delay` after its start; 0 when it was done
-/// before.
-double seconds_after_stop(const Scene& scene, Clock::duration delay) {
-  std::stop_source source;
-  Clock::time_point stopped;
-  std::jthread stopper([&] {
-    std::this_thread::sleep_for(delay);
-    stopped = Clock::now();
-    source.request_stop();
-  });
-  const auto atlas = build_atlas(scene, {}, source.get_token());
-  const auto end = Clock::now();
-  stopper.join();
-  if (atlas || atlas.error().code != proto::kCanceledCode) return 0;
-  return std::chrono::duration<double>(end - stopped).count();
+double seconds_after_stop(const Scene& scene, std::chrono::milliseconds delay) {
+  const auto work = [&](std::stop_token stop) { return build_atlas(scene, {}, stop); };
+  return test::seconds_after_stop(work, delay);
 }
 
 constexpr std::uint32_t kCells = test::kSlowdown > 1 ? 300 : 1000;  // two triangles each
@@ -71,6 +60,13 @@ TEST(Stop, TwoMillionChartsToo) {
   }
 }
 
+TEST(Stop, RasterisingTwoMillionTriangles) {
+  const Scene scene = hills(kCells, false);
+  const auto atlas = build_atlas(scene, {});
+  ASSERT_TRUE(atlas) << atlas.error().message;
+  test::expect_quick_stops([&](std::stop_token stop) { return rasterise(scene, *atlas, stop); });
+}
+
 TEST(Stop, TheStoppableSortIsAStableSort) {
   std::uint32_t state = 1;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> values;
@@ -81,11 +77,11 @@ TEST(Stop, TheStoppableSortIsAStableSort) {
   auto expected = values;
   const auto less = [](const auto& a, const auto& b) { return a.first < b.first; };
   std::stable_sort(expected.begin(), expected.end(), less);
-  EXPECT_TRUE(atlas_detail::sort_unless_stopped(values, less, {}));
+  EXPECT_TRUE(sort_unless_stopped(values, less, {}));
   EXPECT_EQ(values, expected);
   std::stop_source source;
   source.request_stop();
-  EXPECT_FALSE(atlas_detail::sort_unless_stopped(values, less, source.get_token()));
+  EXPECT_FALSE(sort_unless_stopped(values, less, source.get_token()));
 }
 
 }  // namespace

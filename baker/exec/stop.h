@@ -5,9 +5,10 @@
 #include <cstdint>
 #include <iterator>
 #include <stop_token>
+#include <utility>
 #include <vector>
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::baker {
 
 /// Whether to stop, asked in an inner loop: looked up once in 4096 times.
 class StopPoll {
@@ -46,4 +47,4 @@ bool sort_unless_stopped(std::vector<T>& values, Less less, const std::stop_toke
   return true;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::baker

@@ -1,9 +1,9 @@
-#include "baker/scene/geometry.h"
+#include "baker/scene/primitive_source.h"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 
+#include "baker/exec/stop.h"
+#include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/tinygltf.h"
 
@@ -13,16 +13,6 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 using Triangle = std::array<std::uint32_t, 3>;
-
-constexpr std::uint64_t kPollMask = 0xffff;  // a stop request is looked for this often
-constexpr float kMaxCoordinate = 1e9f;       // m; squared areas of larger triangles overflow
-
-Unexpected invalid(const std::string& why, const std::string& pointer) {
-  return proto::fail("invalid_scene", why, "scene", pointer);
-}
-Unexpected canceled() {
-  return proto::fail(proto::kCanceledCode, "canceled");
-}
 
 // Formats [glTF 2.0, 3.7.2.1; KHR_mesh_quantization] ----------------------------------------------
 using Types = std::vector<std::pair<Component, bool>>;
@@ -123,8 +113,9 @@ std::uint32_t restart_value(Component c) {
 Expected<void> check_indices(const AccessorView& indices, std::uint64_t vertex_count,
                              const std::string& at, const std::stop_token& stop) {
   const std::uint32_t restart = restart_value(indices.component);
+  StopPoll stopped(stop);
   for (std::uint64_t i = 0; i < indices.count; ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
+    if (stopped()) return canceled();
     const std::uint32_t index = indices.index(i);
     if (index == restart) {
       return invalid("element " + std::to_string(i) + " is the primitive restart value " +
@@ -138,57 +129,6 @@ Expected<void> check_indices(const AccessorView& indices, std::uint64_t vertex_c
     }
   }
   return {};
-}
-
-/// Triangles of one primitive and the vertices they name.
-struct Assembly {
-  std::vector<std::uint32_t> used;  ///< source vertices, ascending
-  std::vector<Triangle> triangles;  ///< into `used`, glTF order
-};
-
-/// Fills `used` and makes the triangles' corners, source vertices so far, indices into it.
-void compact(Assembly& p) {
-  std::uint32_t low = 0xffffffffu, high = 0;
-  for (const Triangle& t : p.triangles) {
-    low = std::min({low, t[0], t[1], t[2]});
-    high = std::max({high, t[0], t[1], t[2]});
-  }
-  const std::uint64_t corners = 3 * p.triangles.size();
-  if (std::uint64_t(high) - low < 8 * corners + 1024) {  // a table costs no more than the triangles
-    std::vector<std::uint32_t> place(std::size_t(high) - low + 1, 0);
-    for (const Triangle& t : p.triangles) {
-      for (const std::uint32_t v : t) place[v - low] = 1;
-    }
-    for (std::size_t i = 0; i < place.size(); ++i) {
-      if (place[i] == 0) continue;
-      place[i] = static_cast<std::uint32_t>(p.used.size());
-      p.used.push_back(low + static_cast<std::uint32_t>(i));
-    }
-    for (Triangle& t : p.triangles) {
-      for (std::uint32_t& v : t) v = place[v - low];
-    }
-    return;
-  }
-  for (const Triangle& t : p.triangles) p.used.insert(p.used.end(), t.begin(), t.end());
-  std::sort(p.used.begin(), p.used.end());
-  p.used.erase(std::unique(p.used.begin(), p.used.end()), p.used.end());
-  for (Triangle& t : p.triangles) {
-    for (std::uint32_t& v : t) {
-      v = static_cast<std::uint32_t>(std::lower_bound(p.used.begin(), p.used.end(), v) -
-                                     p.used.begin());
-    }
-  }
-}
-
-Expected<Assembly> assemble(const PrimitiveSource& source, const std::stop_token& stop) {
-  Assembly out;
-  out.triangles.resize(source.triangle_count);
-  for (std::uint64_t i = 0; i < source.triangle_count; ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    out.triangles[i] = source.triangle(i);
-  }
-  compact(out);
-  return out;
 }
 
 /// Mode, indices and counts.
@@ -224,91 +164,6 @@ std::string no_triangles(const tinygltf::Primitive& primitive) {
   if (!primitive.attributes.contains("POSITION"))
     return "a primitive without POSITION is not baked";
   return "";
-}
-
-// Placing -----------------------------------------------------------------------------------------
-
-/// The same measure as everywhere: what geometric_normal can make a unit vector of.
-bool has_area(Vec3 a, Vec3 b, Vec3 c) {
-  const Vec3 n = cross(b - a, c - a);
-  return dot(n, n) >= std::numeric_limits<float>::min();
-}
-
-Vec3 face_normal(const WorldPrimitive& w, const Triangle& t) {
-  return normalize(
-      cross(w.positions[t[1]] - w.positions[t[0]], w.positions[t[2]] - w.positions[t[0]]));
-}
-
-/// A vertex in world space.
-Expected<Vec3> world_point(const PrimitiveSource& source, std::uint32_t vertex,
-                           const Transform& to_world) {
-  const auto p = source.positions.floats(vertex);
-  const Vec3 point = to_world.point({p[0], p[1], p[2]});
-  if (!(max_abs(point) <= kMaxCoordinate)) {
-    return invalid("vertex " + std::to_string(vertex) + " lies beyond 1e9 m in world space",
-                   source.pointer + "/attributes/POSITION");
-  }
-  return point;
-}
-
-/// Three vertices for each triangle, with the triangle's normal.
-void emit_flat(WorldPrimitive& out, const std::vector<std::uint32_t>& used,
-               const std::vector<Vec3>& points) {
-  for (Triangle& t : out.triangles) {
-    const auto first = static_cast<std::uint32_t>(out.positions.size());
-    for (const std::uint32_t v : t) {
-      out.positions.push_back(points[v]);
-      out.source_vertex.push_back(used[v]);
-    }
-    t = {first, first + 1, first + 2};
-    out.normals.insert(out.normals.end(), 3, face_normal(out, t));
-  }
-}
-
-/// Vertices without a normal get the sum of their faces' area vectors.
-void repair_normals(WorldPrimitive& out, const std::vector<bool>& broken) {
-  for (const Triangle& t : out.triangles) {
-    const Vec3 area =
-        cross(out.positions[t[1]] - out.positions[t[0]], out.positions[t[2]] - out.positions[t[0]]);
-    for (const std::uint32_t v : t) {
-      if (broken[v]) out.normals[v] += area;
-    }
-  }
-  for (const Triangle& t : out.triangles) {
-    for (const std::uint32_t v : t) {
-      if (broken[v]) out.normals[v] = normalize(out.normals[v], face_normal(out, t));
-    }
-  }
-}
-
-/// Vertices in source order, those that no triangle uses any more left out.
-void emit_smooth(WorldPrimitive& out, const AccessorView& normals,
-                 const std::vector<std::uint32_t>& used, const std::vector<Vec3>& points,
-                 const Transform& to_world) {
-  constexpr std::uint32_t kUnused = 0xffffffffu;
-  std::vector<std::uint32_t> place(points.size(), kUnused);
-  for (const Triangle& t : out.triangles) {
-    for (const std::uint32_t v : t) place[v] = 0;
-  }
-  Transform normal_map;  // inverse transpose, up to a positive factor
-  normal_map.m = to_world.cofactors();
-  const float side = to_world.determinant() < 0 ? -1.f : 1.f;
-  std::vector<bool> broken;
-  for (std::uint32_t v = 0; v < points.size(); ++v) {
-    if (place[v] == kUnused) continue;
-    place[v] = static_cast<std::uint32_t>(out.positions.size());
-    const auto n = normals.floats(used[v]);
-    const Vec3 unit = normalize({n[0], n[1], n[2]}, {0, 0, 0});
-    const Vec3 normal =
-        normalize(normalize(normal_map.direction(unit), {0, 0, 0}) * side, {0, 0, 0});
-    broken.push_back(normal == Vec3{0, 0, 0});
-    out.broken_normals += broken.back() ? 1 : 0;
-    out.positions.push_back(points[v]);
-    out.normals.push_back(normal);
-    out.source_vertex.push_back(used[v]);
-  }
-  for (Triangle& t : out.triangles) t = {place[t[0]], place[t[1]], place[t[2]]};
-  if (out.broken_normals > 0) repair_normals(out, broken);
 }
 
 }  // namespace
@@ -368,53 +223,6 @@ Triangle PrimitiveSource::triangle(std::uint64_t i) const {
     out[k] = indices ? indices->index(at[k]) : static_cast<std::uint32_t>(at[k]);
   }
   return out;
-}
-
-Expected<WorldPrimitive> place_primitive(const PrimitiveSource& source, const Transform& to_world,
-                                         const std::stop_token& stop) {
-  const auto assembly = assemble(source, stop);
-  if (!assembly) return Unexpected(assembly.error());
-  std::vector<Vec3> points(assembly->used.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const auto point = world_point(source, assembly->used[i], to_world);
-    if (!point) return Unexpected(point.error());
-    points[i] = *point;
-  }
-  const bool mirrored = to_world.determinant() < 0;
-  WorldPrimitive out;
-  for (std::size_t i = 0; i < assembly->triangles.size(); ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const Triangle t = assembly->triangles[i];
-    if (!has_area(points[t[0]], points[t[1]], points[t[2]])) {
-      ++out.degenerate;
-      continue;
-    }
-    out.triangles.push_back(mirrored ? Triangle{t[0], t[2], t[1]} : t);
-  }
-  if (source.normals) {
-    emit_smooth(out, *source.normals, assembly->used, points, to_world);
-  } else {
-    emit_flat(out, assembly->used, points);
-  }
-  return out;
-}
-
-Expected<bool> has_triangles(const PrimitiveSource& source, const Transform& to_world,
-                             const std::stop_token& stop) {
-  bool any = false;
-  for (std::uint64_t i = 0; i < source.triangle_count; ++i) {
-    if ((i & kPollMask) == 0 && stop.stop_requested()) return canceled();
-    const Triangle t = source.triangle(i);
-    std::array<Vec3, 3> corner;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto point = world_point(source, t[k], to_world);
-      if (!point) return Unexpected(point.error());
-      corner[k] = *point;
-    }
-    any = any || has_area(corner[0], corner[1], corner[2]);
-  }
-  return any;
 }
 
 }  // namespace kiln::baker
