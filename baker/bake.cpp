@@ -83,11 +83,11 @@ class Course {
   std::atomic<Clock::rep> due_{0};
 };
 
-void count_scene(const Scene& scene, const LightSet& lights, proto::Statistics& s) {
+void count_scene(const Scene& scene, proto::Statistics& s) {
   s.triangles = scene.triangles.size();
   s.instances = scene.instances.size();
   s.punctual_lights = scene.lights.size();
-  s.emissive_triangles = lights.area().size();
+  for (std::uint32_t t = 0; t < s.triangles; ++t) s.emissive_triangles += is_emissive(scene, t);
 }
 
 void count_texels(const Atlas& atlas, const TextureGroup& texels, proto::Statistics& s) {
@@ -232,7 +232,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   manifest.warnings = scene->warnings;
   for (const auto& w : scene->warnings) observer.on_warning(w);
   const LightSet lights(*scene);
-  count_scene(*scene, lights, manifest.statistics);
+  count_scene(*scene, manifest.statistics);
 
   course.enter("atlas", kImportedAt);
   const auto atlas = build_atlas(*scene, input.settings.atlas, stop);

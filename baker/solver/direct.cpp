@@ -2,19 +2,20 @@
 
 #include <vector>
 
+#include "baker/solver/lamp_light.h"
 #include "baker/solver/sobol.h"
 
 namespace kiln::baker {
 namespace {
 
 constexpr std::uint32_t kTileTexels = 16;
-/// Up to this many lights each texel gets a distribution of its own.
+/// Up to this many lights each texel weighs them for itself.
 constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;
-/// Share of the samples that goes by power alone: no light that some point of the footprint sees
-/// has probability zero.
+/// Share of a tile's samples that goes by power alone: no light that some point of it sees has
+/// probability zero.
 constexpr float kDefensiveShare = 0.02f;
 
 /// Probabilities of the area lights for some texels.
@@ -34,7 +35,7 @@ struct LightDistribution {
     const float near = kNearRadii * std::sqrt(radius2);
     for (std::size_t l = 0; l < probability.size(); ++l) {
       const AreaLight& light = in.lights.area()[l];
-      if (in.lights.least_distance(light, p) > near) {
+      if (light.least_distance(p) > near) {
         probability[l] += in.lights.unoccluded_estimate(light, p, n);
         continue;
       }
@@ -108,25 +109,26 @@ Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shad
   return shadows.take_sum();
 }
 
-Rgb area_light(const SolverInput& in, const Footprint& at, const LightDistribution& lights,
-               std::uint32_t seed, ShadowBatch& shadows) {
-  const std::uint32_t count = in.settings.direct_samples;
+/// Light from the area lights by `count` samples in all, drawn systematically from `lights`, whose
+/// sum is 1. Unbiased.
+Rgb sampled_light(const SolverInput& in, const Footprint& at, std::span<const float> probability,
+                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1));
   const std::uint32_t point_flip = hash(seed, 2);
   std::size_t l = 0;
   float below = 0;  // summed probability of the lights before l
   for (std::uint32_t k = 0; k < count; ++k) {
     const float position = (float(k) + start) / float(count);
-    while (l + 1 < lights.probability.size() && position >= below + lights.probability[l])
-      below += lights.probability[l++];
-    if (!(lights.probability[l] > 0)) continue;
+    while (l + 1 < probability.size() && position >= below + probability[l])
+      below += probability[l++];
+    if (!(probability[l] > 0)) continue;
     // Runs of four and strides of four both spread over the footprint: neither the part of a light
     // nor the stratum of the net that a run makes goes with one point alone.
     const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
     const LightSample s =
         in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(k), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
-    const Rgb value = s.value * (cosine / (float(count) * lights.probability[l]));
+    const Rgb value = s.value * (cosine / (float(count) * probability[l]));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value);
   }
   return shadows.take_sum();
@@ -145,28 +147,75 @@ void pilot_tile(const SolverInput& in, TexelRange tile, LightDistribution& light
   lights.finish(in);
 }
 
+/// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the
+/// others share what is left.
+class FewLights {
+ public:
+  explicit FewLights(const SolverInput& in)
+      : in_(in), lamp_(in), views_(in.lights.area().size()), share_(views_.size()) {}
+
+  Rgb run(const Footprint& at, std::uint32_t seed, ShadowBatch& shadows) {
+    const PointFrames frames = at.frames();
+    const auto& lights = in_.lights.area();
+    float total = 0;
+    for (std::size_t l = 0; l < lights.size(); ++l) {
+      views_[l] = lamp_.view(lights[l], at, frames);
+      total += share_[l] = luminance(lights[l].radiance) * views_[l].mean;
+    }
+    if (!(total > 0)) return {};
+    const auto samples = float(in_.settings.direct_samples);
+    Rgb sum;
+    float rest = 0;
+    for (std::size_t l = 0; l < lights.size(); ++l) {
+      const float packets = samples / Footprint::kPoints * (share_[l] / total);
+      if (lights[l].is_uniform() && packets >= kLampPackets) {
+        const float e =
+            lamp_.irradiance(lights[l], views_[l], at, frames, std::uint32_t(packets + 0.5f),
+                             hash(seed, std::uint32_t(l)), traced_);
+        sum += lights[l].radiance * e;
+        share_[l] = 0;
+      }
+      rest += share_[l];
+    }
+    if (!(rest > 0)) return sum;
+    for (float& share : share_) share /= rest;
+    const auto count = std::uint32_t(std::ceil(samples * (rest / total)));
+    return sum + sampled_light(in_, at, share_, count, seed, shadows);
+  }
+  std::uint64_t traced() const { return traced_; }
+
+ private:
+  /// Packets of samples that a light must earn to be a lamp.
+  static constexpr float kLampPackets = 0.75f;
+
+  const SolverInput& in_;
+  const LampLight lamp_;
+  std::vector<LampLight::View> views_;
+  std::vector<float> share_;
+  std::uint64_t traced_ = 0;
+};
+
 }  // namespace
 
 std::uint64_t DirectLight::run(TexelRange range, std::span<Rgb> irradiance) const {
   const std::size_t light_count = in_.lights.area().size();
+  const bool few = light_count <= kFewLights;
+  FewLights few_lights(in_);
   LightDistribution lights(light_count);
   ShadowBatch shadows(in_.rays);
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    const bool few = light_count <= kFewLights;
-    const Footprint at(in_, t);
-    if (light_count > 0 && few) {
-      lights.clear();
-      lights.add_pilot(in_, t, at);
-      lights.finish(in_);
-    } else if (light_count > 0 && t % kTileTexels == 0) {
+    if (light_count > 0 && !few && t % kTileTexels == 0)
       pilot_tile(in_, {t, std::min(t + kTileTexels, in_.texels.size())}, lights);
-    }
+    const Footprint at(in_, t);
+    const std::uint32_t seed = texel_seed(in_, t, Purpose::kDirect);
     Rgb e = punctual_light(in_, at, shadows);
-    if (light_count > 0)
-      e += area_light(in_, at, lights, texel_seed(in_, t, Purpose::kDirect), shadows);
+    if (light_count > 0 && few)
+      e += few_lights.run(at, seed, shadows);
+    else if (light_count > 0)
+      e += sampled_light(in_, at, lights.probability, in_.settings.direct_samples, seed, shadows);
     irradiance[t] = e;
   }
-  return shadows.traced();
+  return shadows.traced() + few_lights.traced();
 }
 
 }  // namespace kiln::baker

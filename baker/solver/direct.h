@@ -8,10 +8,11 @@
 
 namespace kiln::baker {
 
-/// Direct light by explicit sampling. Area lights share `direct_samples` shadow rays per texel,
-/// drawn systematically from a distribution of unoccluded contributions: of each texel where lights
-/// are few, of each run of 16 texels where they are many. Every punctual light gets a ray from each
-/// point of the footprint. Unbiased. Immutable; callable from many threads.
+/// Direct light by explicit sampling. Area lights share `direct_samples` shadow rays per texel by
+/// their unoccluded contributions. Where lights are few, those that earn a ray from each point are
+/// lamps (see LampLight); the others, and all where they are many, are drawn systematically from
+/// the distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
+/// each point of the footprint. Immutable; callable from many threads.
 class DirectLight {
  public:
   explicit DirectLight(const SolverInput& in) : in_(in) {}

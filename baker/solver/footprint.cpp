@@ -36,6 +36,7 @@ PointFrames Footprint::frames() const {
   };
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const Frame frame(shading_normal[i]);
+    put(f.position, i, position[i]);
     put(f.origin, i, origin[i]);
     put(f.geometric_normal, i, geometric_normal[i]);
     put(f.tangent_x, i, frame.x);

@@ -6,18 +6,9 @@
 
 #include "baker/math/vec.h"
 #include "baker/scene/scene.h"
+#include "baker/solver/area_light.h"
 
 namespace kiln::baker {
-
-/// One emitting triangle: a part of the scene's surface, or half a RectLight.
-struct AreaLight {
-  Vec3 p0, p1, p2;  ///< m, counter-clockwise seen from the emitting side
-  Vec3 normal;      ///< unit
-  float area_m2 = 0;
-  Rgb radiance;                ///< cd/m2, mean over the triangle
-  std::uint32_t triangle = 0;  ///< of the scene; kNoHit for a RectLight
-  bool two_sided = false;
-};
 
 /// The points origin + t * direction, t in (0, far), that must be free for a light to be seen.
 struct ShadowRay {
@@ -49,12 +40,11 @@ class LightSet {
   /// importance is made of. Luminance-weighted, lx.
   float unoccluded_estimate(const AreaLight&, Vec3 p, Vec3 n) const;
 
-  /// A lower bound of the distance from `p` to the light, m.
-  float least_distance(const AreaLight&, Vec3 p) const;
-
   /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
   /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
   LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;
+  /// Whether sample() is uniform in solid angle.
+  static bool is_near(const AreaLight&, Vec3 from);
 
  private:
   const Scene& scene_;

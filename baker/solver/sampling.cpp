@@ -19,6 +19,28 @@ Vec3 orthogonal_part(Vec3 v, Vec3 axis) {
   return normalize(v - axis * dot(v, axis), axis);
 }
 
+/// Clipped at two planes, a convex polygon of four corners has at most six.
+struct Polygon {
+  std::array<Vec3, 6> corner;
+  std::size_t count = 0;
+
+  void add(Vec3 v) {
+    if (count < corner.size()) corner[count++] = v;
+  }
+};
+
+/// The part on the side of the plane through 0 that its normal points to.
+Polygon clip(const Polygon& in, Vec3 normal) {
+  Polygon out;
+  for (std::size_t i = 0; i < in.count; ++i) {
+    const Vec3 a = in.corner[i], b = in.corner[(i + 1) % in.count];
+    const float ha = dot(a, normal), hb = dot(b, normal);
+    if (ha >= 0) out.add(a);
+    if ((ha < 0) != (hb < 0)) out.add(a + (b - a) * (ha / (ha - hb)));
+  }
+  return out;
+}
+
 }  // namespace
 
 Vec3 cosine_direction(Vec2 u) {
@@ -64,22 +86,20 @@ Vec3 SphericalTriangle::sample(Vec2 u) const {
   return normalize(b * z + orthogonal_part(c1, b) * std::sqrt(std::max(0.f, 1 - z * z)), c1);
 }
 
-float triangle_irradiance(Vec3 p, Vec3 n, Vec3 p0, Vec3 p1, Vec3 p2) {
-  // Clip at the horizon: a triangle becomes at most a quadrilateral.
-  const std::array<Vec3, 3> in{p0 - p, p1 - p, p2 - p};
-  std::array<Vec3, 4> v;
-  int count = 0;
-  for (int i = 0; i < 3; ++i) {
-    const Vec3 a = in[i], b = in[(i + 1) % 3];
-    const float ha = dot(a, n), hb = dot(b, n);
-    if (ha >= 0) v[count++] = a;
-    if ((ha < 0) != (hb < 0) && count < 4) v[count++] = a + (b - a) * (ha / (ha - hb));
-  }
-  if (count < 3) return 0;
-  for (int i = 0; i < count; ++i) v[i] = normalize(v[i], n);
+float polygon_irradiance(Vec3 p, Vec3 n, std::span<const Vec3> corners) {
+  return polygon_irradiance(p, n, n, corners);
+}
+
+float polygon_irradiance(Vec3 p, Vec3 n, Vec3 geometric_normal, std::span<const Vec3> corners) {
+  Polygon v;
+  for (const Vec3 corner : corners) v.add(corner - p);
+  v = clip(v, n);
+  if (!(geometric_normal == n)) v = clip(v, geometric_normal);
+  if (v.count < 3) return 0;
+  for (std::size_t i = 0; i < v.count; ++i) v.corner[i] = normalize(v.corner[i], n);
   float sum = 0;
-  for (int i = 0; i < count; ++i) {
-    const Vec3 a = v[i], b = v[(i + 1) % count];
+  for (std::size_t i = 0; i < v.count; ++i) {
+    const Vec3 a = v.corner[i], b = v.corner[(i + 1) % v.count];
     const Vec3 axis = cross(a, b);
     const float sine = length(axis);
     if (sine <= 1e-12f) continue;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <span>
+
 #include "baker/math/vec.h"
 
 namespace kiln::baker {
@@ -36,9 +38,11 @@ struct SphericalTriangle {
   Vec3 sample(Vec2 u) const;
 };
 
-/// Irradiance per unit radiance at `p` with unit normal `n` from a uniform Lambertian triangle,
-/// clipped at the horizon, whichever side it shows [Lambert 1760; Baum et al. 1989, eq. 2]. The
-/// result over π is the view factor from a point.
-float triangle_irradiance(Vec3 p, Vec3 n, Vec3 p0, Vec3 p1, Vec3 p2);
+/// Irradiance per unit radiance at `p` with unit normal `n` from a uniform Lambertian polygon, flat
+/// and convex with 3 or 4 corners, clipped at the horizon, whichever side it shows [Lambert 1760;
+/// Baum et al. 1989, eq. 2]. The result over π is the view factor from a point.
+float polygon_irradiance(Vec3 p, Vec3 n, std::span<const Vec3> corners);
+/// The same with the part below the plane of a second, geometric normal left out.
+float polygon_irradiance(Vec3 p, Vec3 n, Vec3 geometric_normal, std::span<const Vec3> corners);
 
 }  // namespace kiln::baker

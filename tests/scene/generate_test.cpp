@@ -261,7 +261,8 @@ TEST(Generate, DetailSetsTheNumberOfTriangles) {
 }
 
 TEST(Generate, EmissionAboveOneGoesToTheStrength) {
-  for (const json& m : generate("cornell").document["materials"]) {
+  const auto cornell = generate("cornell");
+  for (const json& m : cornell.document["materials"]) {
     if (m["name"] != "lamp") continue;
     EXPECT_EQ(m["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"], 17);
     EXPECT_EQ(m["emissiveFactor"][0], 1);

@@ -116,8 +116,11 @@ TEST_P(EveryMethod, RectangleLightIsLambertsFormula) {
       const Vec3 far = light.corner + light.edge_u + light.edge_v;
       expected +=
           2 *
-          (triangle_irradiance(at, {0, 1, 0}, light.corner, light.corner + light.edge_u, far) +
-           triangle_irradiance(at, {0, 1, 0}, light.corner, far, light.corner + light.edge_v)) /
+          (polygon_irradiance(at, {0, 1, 0},
+                              std::array<Vec3, 3>{light.corner, light.corner + light.edge_u, far}) +
+           polygon_irradiance(
+               at, {0, 1, 0},
+               std::array<Vec3, 3>{light.corner, far, light.corner + light.edge_v})) /
           TextureGroup::kPointsPerTexel;
     }
     EXPECT_NEAR(study.mean[i], expected, kSigmas * study.standard_error[i] + kRounding * expected)
@@ -147,8 +150,8 @@ TEST_P(EveryMethod, LampCloseToASurfaceIsLambertsFormula) {
       for (const SamplePoint& p : scene.texels().points_of(t)) {
         const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
         expected += 2 * scene.texels().area_m2[t] / TextureGroup::kPointsPerTexel *
-                    (triangle_irradiance(at, {0, 1, 0}, a, b, c) +
-                     triangle_irradiance(at, {0, 1, 0}, a, c, d));
+                    (polygon_irradiance(at, {0, 1, 0}, std::array<Vec3, 3>{a, b, c}) +
+                     polygon_irradiance(at, {0, 1, 0}, std::array<Vec3, 3>{a, c, d}));
       }
     }
     expected /= area;

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -68,6 +70,91 @@ TEST(Kernels, EveryInstructionSetGivesTheSameBits) {
     Directions d;
     kernels(set).directions(packet.x, packet.y, 9, 123, 456, frames, d);
     EXPECT_EQ(std::memcmp(&d, &reference, sizeof d), 0) << kernels(set).name;
+  }
+}
+
+/// Points scattered under a lamp, some of which it crosses the horizon of.
+PointFrames points_under_lamp() {
+  PointFrames f = frames_about(normalize(Vec3{0.1f, 0.9f, -0.2f}), {0, 1, 0});
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    const Vec2 u = scrambled(sobol(i), 7);
+    const Vec3 p{3 * u.x - 1.5f, i % 4 == 0 ? 0.9f : 0.f, 3 * u.y - 1.5f};
+    for (int k = 0; k < 3; ++k) f.position[k][i] = f.origin[k][i] = p[k];
+  }
+  return f;
+}
+LightShape lamp(std::int32_t corners) {
+  LightShape l{{{-0.5f, 1, -0.5f}, {0.5f, 1, -0.5f}, {0.5f, 1, 0.5f}, {-0.5f, 1, 0.5f}},
+               {0, -1, 0},
+               corners == 4 ? 1.f : 0.5f,
+               corners};
+  if (corners == 3) std::copy(l.corner[2], l.corner[2] + 3, l.corner[3]);
+  return l;
+}
+
+TEST(Kernels, ViewOfALightIsLambertsFormula) {
+  const PointFrames f = points_under_lamp();
+  for (const std::int32_t corners : {3, 4}) {
+    const LightShape l = lamp(corners);
+    std::array<Vec3, 4> outline;
+    for (int c = 0; c < 4; ++c) outline[c] = {l.corner[c][0], l.corner[c][1], l.corner[c][2]};
+    LightView view;
+    kernels().view_light(l, f, view);
+    int checked = 0;
+    for (int i = 0; i < 16; ++i) {
+      const Vec3 p{f.position[0][i], f.position[1][i], f.position[2][i]};
+      EXPECT_NEAR(view.height[i], 1 - p.y, 1e-6);
+      if (view.lowest[i] < 0) continue;
+      ++checked;
+      const Vec3 n{f.shading_normal[0][i], f.shading_normal[1][i], f.shading_normal[2][i]};
+      EXPECT_NEAR(view.irradiance[i],
+                  polygon_irradiance(p, n, {outline.data(), std::size_t(corners)}), 3e-6);
+    }
+    EXPECT_GE(checked, 8);
+  }
+}
+
+// The mean of the samples' weights is the irradiance; QMC error of 4096 points.
+TEST(Kernels, SamplesOfALightAverageToLambertsFormula) {
+  const PointFrames f = points_under_lamp();
+  for (const std::int32_t corners : {3, 4}) {
+    const LightShape l = lamp(corners);
+    LightView view;
+    kernels().view_light(l, f, view);
+    std::array<double, 16> sum{};
+    for (std::uint32_t first = 0; first < 4096; first += 16) {
+      const SobolPacket packet(first);
+      // Over all flips each point meets every sample once.
+      for (std::uint32_t flip = 0; flip < 16; ++flip) {
+        LightRays rays;
+        kernels().sample_light(l, packet.x, packet.y, flip, 5, 6, f, 1e-5f, rays);
+        for (int i = 0; i < 16; ++i) sum[i] += rays.weight[i] / 4096;
+      }
+    }
+    for (int i = 0; i < 16; ++i) {
+      if (view.lowest[i] <= 0.1f) continue;
+      EXPECT_NEAR(sum[i], view.irradiance[i], 2e-3 * view.irradiance[i]);
+    }
+  }
+}
+
+TEST(Kernels, LightsHaveTheSameBitsInEveryInstructionSet) {
+  const PointFrames f = points_under_lamp();
+  const SobolPacket packet(48);
+  for (const std::int32_t corners : {3, 4}) {
+    LightView view;
+    LightRays rays;
+    const Kernels& plain = kernels(InstructionSet::kSse2);
+    plain.view_light(lamp(corners), f, view);
+    plain.sample_light(lamp(corners), packet.x, packet.y, 3, 5, 6, f, 1e-5f, rays);
+    for (const InstructionSet set : available()) {
+      LightView v;
+      LightRays r;
+      kernels(set).view_light(lamp(corners), f, v);
+      kernels(set).sample_light(lamp(corners), packet.x, packet.y, 3, 5, 6, f, 1e-5f, r);
+      EXPECT_EQ(std::memcmp(&v, &view, sizeof v), 0) << kernels(set).name;
+      EXPECT_EQ(std::memcmp(&r, &rays, sizeof r), 0) << kernels(set).name;
+    }
   }
 }
 

@@ -94,7 +94,8 @@ TEST(SphericalTriangle, MeanCosineAgreesWithLambert) {
   constexpr std::uint32_t kN = 16384;
   double sum = 0;
   for (std::uint32_t i = 0; i < kN; ++i) sum += dot(t.sample(scrambled(sobol(i), 3)), n);
-  EXPECT_NEAR(sum / kN * t.solid_angle, triangle_irradiance(p, n, a, b, c), 2e-4);
+  EXPECT_NEAR(sum / kN * t.solid_angle, polygon_irradiance(p, n, std::array<Vec3, 3>{a, b, c}),
+              2e-4);
 }
 
 TEST(SphericalTriangle, SmallTriangleTendsToItsFlatArea) {
@@ -109,19 +110,24 @@ TEST(TriangleIrradiance, ParallelSquareOverAPoint) {
   const double factor = 4 * (1 / (2 * double(kPi))) * 2 * x * std::atan(x);
   const Vec3 a{-1, -1, 1}, b{1, -1, 1}, c{1, 1, 1}, d{-1, 1, 1};
   const Vec3 p, n{0, 0, 1};
-  const float e = triangle_irradiance(p, n, a, b, c) + triangle_irradiance(p, n, a, c, d);
+  const float e = polygon_irradiance(p, n, std::array<Vec3, 3>{a, b, c}) +
+                  polygon_irradiance(p, n, std::array<Vec3, 3>{a, c, d});
   EXPECT_NEAR(e / kPi, factor, 1e-5);
 }
 
 // Half of a triangle that is symmetric about the horizon plane counts, the other half is below.
 TEST(TriangleIrradiance, ClipsAtTheHorizon) {
   const Vec3 p, n{0, 0, 1};
-  const float whole = triangle_irradiance(p, n, {1, -1, -1}, {1, 1, -1}, {1, 0, 1});
+  const float whole =
+      polygon_irradiance(p, n, std::array<Vec3, 3>{Vec3{1, -1, -1}, Vec3{1, 1, -1}, Vec3{1, 0, 1}});
   // The part above z = 0 is the triangle that the cut leaves.
-  const float above = triangle_irradiance(p, n, {1, -0.5f, 0}, {1, 0.5f, 0}, {1, 0, 1});
+  const float above = polygon_irradiance(
+      p, n, std::array<Vec3, 3>{Vec3{1, -0.5f, 0}, Vec3{1, 0.5f, 0}, Vec3{1, 0, 1}});
   EXPECT_NEAR(whole, above, 1e-6);
   EXPECT_GT(whole, 0);
-  EXPECT_EQ(triangle_irradiance(p, n, {1, 0, -1}, {0, 1, -1}, {-1, -1, -1}), 0);
+  EXPECT_EQ(polygon_irradiance(
+                p, n, std::array<Vec3, 3>{Vec3{1, 0, -1}, Vec3{0, 1, -1}, Vec3{-1, -1, -1}}),
+            0);
 }
 
 }  // namespace

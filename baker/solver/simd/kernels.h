@@ -7,9 +7,10 @@
 /// version gives the same bits.
 namespace kiln::baker {
 
-/// Sixteen footprint points: origins and shading frames, structure of arrays. Lane = point.
+/// Sixteen footprint points: positions, ray origins and shading frames, structure of arrays.
+/// Lane = point.
 struct alignas(64) PointFrames {
-  float origin[3][16];
+  float position[3][16], origin[3][16];
   float geometric_normal[3][16];
   float tangent_x[3][16], tangent_y[3][16], shading_normal[3][16];
 };
@@ -24,6 +25,36 @@ struct alignas(64) Directions {
 using DirectionKernel = void (*)(const std::uint32_t* x, const std::uint32_t* y, std::uint32_t flip,
                                  std::uint32_t seed_x, std::uint32_t seed_y, const PointFrames&,
                                  Directions&);
+
+/// A flat light: a triangle, or a parallelogram (four corners, the last one opposite the second).
+struct LightShape {
+  float corner[4][3];  ///< m, counter-clockwise seen from the front
+  float normal[3];     ///< unit
+  float area_m2;
+  std::int32_t corners;  ///< 3 or 4
+};
+
+/// What sixteen points see of a light.
+struct alignas(64) LightView {
+  float irradiance[16];  ///< at unit radiance, lx; wrong where the light crosses the horizon
+  float lowest[16];      ///< smallest cosine of a corner to the shading or geometric normal
+  float height[16];      ///< of the point over the light's plane, m
+};
+
+/// Lambert's formula: irradiance from a uniform polygon, not clipped, unoccluded.
+using ViewKernel = void (*)(const LightShape&, const PointFrames&, LightView&);
+
+/// Shadow rays from sixteen points to points of a light that are uniform in area.
+struct alignas(64) LightRays {
+  float direction[3][16];  ///< from the origin to just before the light: t in (0, 1) must be free
+  float weight[16];        ///< what the sample estimates the irradiance at unit radiance to be
+};
+
+/// Lane i takes the Sobol point number i ^ flip of `x`, `y`, as DirectionKernel does.
+/// @param clearance distance off the light at which shadow rays end, m
+using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const std::uint32_t* y,
+                             std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
+                             const PointFrames&, float clearance, LightRays&);
 
 /// The maps from triangles to pages and from pages to texels, as the look-up kernel reads them.
 struct TexelGrid {
@@ -55,6 +86,8 @@ using LookupKernel = void (*)(const TexelGrid&, const std::uint32_t* triangle, c
 struct Kernels {
   const char* name;
   DirectionKernel directions;
+  ViewKernel view_light;
+  LightKernel sample_light;
   LookupKernel look_up;
 };
 

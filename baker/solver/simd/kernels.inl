@@ -32,7 +32,9 @@ constexpr int kLanes = 16;
   return float(std::int32_t(fraction >> 8)) * 0x1p-24f;
 }
 
-[[gnu::always_inline]] inline float magnitude(float x) { return x < 0 ? -x : x; }
+[[gnu::always_inline]] inline float magnitude(float x) {
+  return x < 0 ? -x : x;
+}
 
 void directions(const std::uint32_t* __restrict x, const std::uint32_t* __restrict y,
                 std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
@@ -49,9 +51,11 @@ void directions(const std::uint32_t* __restrict x, const std::uint32_t* __restri
     const float angle = 0.78539816339744831f * (other / (r == 0 ? 1.f : r));
     const float q = angle * angle;
     const float sine =
-        angle * (1 + q * (-1.6666667e-1f + q * (8.3333333e-3f + q * (-1.9841270e-4f + q * 2.7557319e-6f))));
+        angle *
+        (1 + q * (-1.6666667e-1f + q * (8.3333333e-3f + q * (-1.9841270e-4f + q * 2.7557319e-6f))));
     const float cosine =
-        1 + q * (-0.5f + q * (4.1666667e-2f + q * (-1.3888889e-3f + q * (2.4801587e-5f - q * 2.7557319e-7f))));
+        1 + q * (-0.5f + q * (4.1666667e-2f +
+                              q * (-1.3888889e-3f + q * (2.4801587e-5f - q * 2.7557319e-7f))));
     const float dx = r * (wide ? cosine : sine), dy = r * (wide ? sine : cosine);
     const float rest = 1 - r * r;
     const float dz = __builtin_sqrtf(rest > 0 ? rest : 0.f);
@@ -63,6 +67,96 @@ void directions(const std::uint32_t* __restrict x, const std::uint32_t* __restri
       above += d * frames.geometric_normal[k][i];
     }
     out.above[i] = above;
+  }
+}
+
+/// arccos(x) / sqrt(1 - x^2), to 3e-7 relative: a least-squares fit on [0, 1], reflected.
+[[gnu::always_inline]] inline float angle_over_sine(float x) {
+  const float a = magnitude(x);
+  const float p = 1.570796251e+00f +
+                  a * (-9.999822378e-01f +
+                       a * (7.848962545e-01f +
+                            a * (-6.610894799e-01f +
+                                 a * (5.570220351e-01f +
+                                      a * (-4.245661795e-01f +
+                                           a * (2.532384694e-01f + a * (-9.796870500e-02f +
+                                                                        a * 1.765366830e-02f)))))));
+  const float sine2 = 1 - x * x;
+  return x < 0 ? 3.14159265358979324f / __builtin_sqrtf(sine2 > 1e-12f ? sine2 : 1e-12f) - p : p;
+}
+
+void view_light(const LightShape& light, const PointFrames& frames, LightView& view) {
+  const int last = light.corners - 1;
+  for (int i = 0; i < kLanes; ++i) {
+    const float px = frames.position[0][i], py = frames.position[1][i], pz = frames.position[2][i];
+    const float nx = frames.shading_normal[0][i], ny = frames.shading_normal[1][i],
+                nz = frames.shading_normal[2][i];
+    const float gx = frames.geometric_normal[0][i], gy = frames.geometric_normal[1][i],
+                gz = frames.geometric_normal[2][i];
+    float vx[4], vy[4], vz[4];
+    float lowest = 1;
+    for (int k = 0; k < 4; ++k) {
+      const int c = k < last ? k : last;  // a triangle's last corner counts twice
+      const float x = light.corner[c][0] - px, y = light.corner[c][1] - py,
+                  z = light.corner[c][2] - pz;
+      const float length2 = x * x + y * y + z * z;
+      const float s = 1 / __builtin_sqrtf(length2 > 1e-30f ? length2 : 1e-30f);
+      vx[k] = x * s, vy[k] = y * s, vz[k] = z * s;
+      const float n = nx * vx[k] + ny * vy[k] + nz * vz[k];
+      const float g = gx * vx[k] + gy * vy[k] + gz * vz[k];
+      lowest = n < lowest ? n : lowest;
+      lowest = g < lowest ? g : lowest;
+    }
+    float sum = 0;
+    for (int k = 0; k < 4; ++k) {
+      const int m = (k + 1) % 4;
+      const float cx = vy[k] * vz[m] - vz[k] * vy[m], cy = vz[k] * vx[m] - vx[k] * vz[m],
+                  cz = vx[k] * vy[m] - vy[k] * vx[m];
+      const float cosine = vx[k] * vx[m] + vy[k] * vy[m] + vz[k] * vz[m];
+      sum += (cx * nx + cy * ny + cz * nz) * angle_over_sine(cosine);
+    }
+    view.irradiance[i] = magnitude(sum) / 2;
+    view.lowest[i] = lowest;
+    view.height[i] = (px - light.corner[0][0]) * light.normal[0] +
+                     (py - light.corner[0][1]) * light.normal[1] +
+                     (pz - light.corner[0][2]) * light.normal[2];
+  }
+}
+
+void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
+                  const std::uint32_t* __restrict y, std::uint32_t flip, std::uint32_t seed_x,
+                  std::uint32_t seed_y, const PointFrames& frames, float clearance,
+                  LightRays& out) {
+  alignas(64) std::uint32_t px[kLanes], py[kLanes];
+  for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
+  const bool triangle = light.corners == 3;
+  const int opposite = triangle ? 2 : 3;
+  for (int i = 0; i < kLanes; ++i) {
+    const float u = unit(scramble(px[i], seed_x)), v = unit(scramble(py[i], seed_y));
+    // Uniform in a triangle by the square-root map.
+    const float root = __builtin_sqrtf(u);
+    const float b = triangle ? root * (1 - v) : u, c = triangle ? root * v : v;
+    float d[3], end[3];
+    float length2 = 0, at_light = 0, at_surface = 0, above = 0, height = 0;
+    for (int k = 0; k < 3; ++k) {
+      const float first = light.corner[0][k];
+      const float point =
+          first + b * (light.corner[1][k] - first) + c * (light.corner[opposite][k] - first);
+      d[k] = point - frames.position[k][i];
+      end[k] = point - frames.origin[k][i];
+      length2 += d[k] * d[k];
+      at_light += d[k] * light.normal[k];
+      at_surface += d[k] * frames.shading_normal[k][i];
+      above += d[k] * frames.geometric_normal[k][i];
+      height += (frames.position[k][i] - first) * light.normal[k];
+    }
+    const float quarter = magnitude(height) / 4;
+    const float off = quarter < clearance ? quarter : clearance;
+    const float side = height < 0 ? -off : off;
+    for (int k = 0; k < 3; ++k) out.direction[k][i] = end[k] + side * light.normal[k];
+    const bool lit = (above > 0) & (at_surface > 0);
+    const float safe = length2 > 1e-30f ? length2 : 1e-30f;
+    out.weight[i] = lit ? magnitude(at_light) * at_surface / (safe * safe) * light.area_m2 : 0.f;
   }
 }
 
@@ -105,6 +199,6 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
 
 }  // namespace
 
-extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions, look_up};
+extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions, view_light, sample_light, look_up};
 
 }  // namespace kiln::baker

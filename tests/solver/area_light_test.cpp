@@ -1,0 +1,89 @@
+#include "baker/solver/area_light.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+
+#include "baker/solver/lamp_light.h"
+#include "baker/solver/sampling.h"
+#include "tests/solver/quad_scene.h"
+
+namespace kiln::baker::test {
+namespace {
+
+constexpr Rgb kBright{3, 2, 1};
+
+TEST(AreaLights, TrianglesOfARectangleBecomeOneLight) {
+  QuadScene scene(32);
+  scene.add({{0, 0, 0}, {0.3f, 0.4f, 0}, {0, 0, 2}, {}, kBright});
+  scene.build();
+  const auto lights = find_area_lights(scene.scene());
+  ASSERT_EQ(lights.size(), 1u);
+  EXPECT_EQ(lights[0].corners, 4u);
+  EXPECT_NEAR(lights[0].area_m2, 1, 1e-6);
+  EXPECT_TRUE(lights[0].is_uniform());
+  EXPECT_EQ(lights[0].radiance, kBright);
+  const Vec3 normal = normalize(cross(Vec3{0.3f, 0.4f, 0}, Vec3{0, 0, 2}));
+  EXPECT_NEAR(dot(lights[0].normal, normal), 1, 1e-6);
+}
+
+TEST(AreaLights, TwoLampsStayTwo) {
+  QuadScene scene(32);
+  scene.add({{0, 0, 0}, {1, 0, 0}, {0, 0, 1}, {}, kBright});
+  scene.add({{1, 0, 0}, {1, 0, 0}, {0, 0, 1}, {}, kBright});
+  scene.build();
+  const auto lights = find_area_lights(scene.scene());
+  ASSERT_EQ(lights.size(), 2u);
+  for (const AreaLight& l : lights) EXPECT_EQ(l.corners, 4u);
+}
+
+TEST(AreaLights, TrianglesThatAreNoParallelogramStayTriangles) {
+  QuadScene scene(32);
+  scene.add({{0, 0, 0}, {1, 0, 0}, {0, 0, 1}, {}, kBright});
+  scene.build();
+  scene.scene().positions[2] = {1.5f, 0, 1.5f};  // a kite
+  for (const AreaLight& l : find_area_lights(scene.scene())) EXPECT_EQ(l.corners, 3u);
+  scene.scene().positions[2] = {1, 0.2f, 1};  // folded
+  EXPECT_EQ(find_area_lights(scene.scene()).size(), 2u);
+}
+
+TEST(AreaLights, TexturedTrianglesStayTriangles) {
+  QuadScene scene(32);
+  scene.add({{0, 0, 0}, {1, 0, 0}, {0, 0, 1}, {}, kBright});
+  scene.build();
+  scene.scene().images.push_back({1, 1, 0});
+  scene.scene().image_texels.push_back({});
+  scene.scene().materials[0].emission_texture.image = 0;
+  const auto lights = find_area_lights(scene.scene());
+  ASSERT_EQ(lights.size(), 2u);
+  for (const AreaLight& l : lights) EXPECT_FALSE(l.is_uniform());
+}
+
+// With nothing in between, the closed form is the answer: no noise at any number of rays, whatever
+// the seed, near lamp or far.
+TEST(LampLight, IsExactWhereNothingIsInTheWay) {
+  for (const float height : {0.05f, 0.4f, 3.f}) {
+    QuadScene scene(32);
+    const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
+    scene.build();
+    const Vec3 a{-0.4f, height, -0.3f}, u{0.9f, 0, 0}, v{0, 0, 0.7f};
+    scene.scene().rect_lights.push_back({a, u, v, {1, 1, 1}});
+    proto::SolverSettings s;
+    s.bounces = 0;
+    s.direct_samples = 16;
+    const Solution solution = scene.solve(s);
+    const std::array<Vec3, 4> lamp{a, a + u, a + u + v, a + v};
+    for (const std::uint32_t t : scene.texels_of(floor)) {
+      double expected = 0;
+      for (const SamplePoint& p : scene.texels().points_of(t))
+        expected +=
+            polygon_irradiance(position_at(scene.scene(), p.triangle, p.bary()), {0, 1, 0}, lamp) /
+            TextureGroup::kPointsPerTexel;
+      ASSERT_NEAR(solution.light->irradiance(t).g, expected, 3e-5 * expected + 1e-6)
+          << "lamp at " << height << ", texel " << t;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace kiln::baker::test
