@@ -1,5 +1,7 @@
 #include "server/serve.h"
 
+#include <algorithm>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -27,9 +29,16 @@ sigset_t stop_signals() {
 // Waits for a stop signal, for at most `time`. Threads inherit the mask, so none is interrupted.
 bool signal_within(milliseconds time) {
   const sigset_t set = stop_signals();
-  const timespec wait{static_cast<time_t>(time.count() / 1000),
-                      static_cast<long>(time.count() % 1000) * 1'000'000};
-  return ::sigtimedwait(&set, nullptr, &wait) > 0;
+  // Being stopped and continued, by a debugger or a job control signal, interrupts the wait.
+  const auto deadline = std::chrono::steady_clock::now() + time;
+  for (;;) {
+    const auto left = std::max(milliseconds(0), std::chrono::duration_cast<milliseconds>(
+                                                    deadline - std::chrono::steady_clock::now()));
+    const timespec wait{static_cast<time_t>(left.count() / 1000),
+                        static_cast<long>(left.count() % 1000) * 1'000'000};
+    if (::sigtimedwait(&set, nullptr, &wait) > 0) return true;
+    if (errno != EINTR) return false;
+  }
 }
 
 void announce(const ServerConfig& config, Service& service) {
