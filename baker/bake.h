@@ -34,6 +34,7 @@ class BakeObserver {
   virtual void on_resume(std::uint32_t /*passes*/) {}
   virtual void on_progress(const proto::JobProgress&) {}  ///< any thread; at most 20 per second
   virtual void on_pass(const proto::PassReport&) {}
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): what overrides it takes it over
   virtual void on_snapshot(Snapshot) {}
   virtual void on_warning(const proto::Warning&) {}
 };

@@ -31,6 +31,7 @@ std::vector<std::pair<std::string_view, const SettingRow<Owner>*>> rows_of(
 template <class Rows>
 std::vector<std::string_view> names_of(const Rows& rows) {
   std::vector<std::string_view> names;
+  names.reserve(rows.size());
   for (const auto& [name, row] : rows) names.push_back(name);
   return names;
 }
@@ -89,7 +90,7 @@ void check_unused(const std::string& pointer, const json& doc, LightType type,
     const std::string key(row.spec.path);
     if (!doc.contains(key) || uses(row.spec, type)) continue;
     std::string known;
-    for (const auto k : keys_of(type)) known += (known.empty() ? "" : ", ") + std::string(k);
+    for (const auto k : keys_of(type)) known.append(known.empty() ? "" : ", ").append(k);
     problems.add(pointer + "/" + key, "a light of type \"" + std::string(type_word) +
                                           "\" does not use \"" + key + "\"; it uses " + known);
   }

@@ -1,6 +1,7 @@
 #include "baker/scene/generate.h"
 
 #include <array>
+#include <iterator>
 
 #include "baker/scene/generate_scenes.h"
 
@@ -78,6 +79,7 @@ constexpr std::array kGenerators{
 
 std::vector<GeneratorInfo> generators() {
   std::vector<GeneratorInfo> infos;
+  infos.reserve(std::size(kGenerators));
   for (const Generator& g : kGenerators) infos.push_back(g.info);
   return infos;
 }

@@ -12,8 +12,8 @@ namespace {
 
 /// Member of an object; an empty value when there is none.
 const tinygltf::Value& member(const tinygltf::Value& object, const char* key) {
-  static const tinygltf::Value kNone;
-  return object.IsObject() && object.Has(key) ? object.Get(key) : kNone;
+  static const tinygltf::Value none;
+  return object.IsObject() && object.Has(key) ? object.Get(key) : none;
 }
 float number_or(const tinygltf::Value& value, double fallback) {
   return static_cast<float>(value.IsNumber() ? value.GetNumberAsDouble() : fallback);

@@ -45,13 +45,15 @@ std::optional<std::string> percent_decode(std::string_view s) {
   return out;
 }
 
-constexpr std::array<std::int8_t, 256> make_base64_table() {
-  std::array<std::int8_t, 256> table{};
-  for (auto& entry : table) entry = -1;
+constexpr std::uint8_t kNotBase64 = 0xff;
+
+constexpr std::array<std::uint8_t, 256> make_base64_table() {
+  std::array<std::uint8_t, 256> table{};
+  table.fill(kNotBase64);
   constexpr std::string_view alphabet =
       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   for (std::size_t i = 0; i < alphabet.size(); ++i) {
-    table[static_cast<unsigned char>(alphabet[i])] = static_cast<std::int8_t>(i);
+    table[static_cast<unsigned char>(alphabet[i])] = static_cast<std::uint8_t>(i);
   }
   table[static_cast<unsigned char>('-')] = 62;  // the URL-safe alphabet, which some writers use
   table[static_cast<unsigned char>('_')] = 63;
@@ -68,9 +70,9 @@ std::optional<std::string> base64_decode(std::string_view s) {
   std::uint32_t bits = 0;
   int have = 0;
   for (const char c : s) {
-    const int value = kBase64[static_cast<unsigned char>(c)];
-    if (value < 0) return std::nullopt;
-    bits = (bits << 6 | static_cast<std::uint32_t>(value)) & 0xffffffu;
+    const std::uint32_t value = kBase64[static_cast<unsigned char>(c)];
+    if (value == kNotBase64) return std::nullopt;
+    bits = (bits << 6 | value) & 0xffffffu;
     have += 6;
     if (have < 8) continue;
     have -= 8;

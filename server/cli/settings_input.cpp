@@ -42,7 +42,7 @@ proto::Expected<std::string> SettingsInput::document() const {
   if (file.empty() && sets.empty()) return std::string();
   nlohmann::json doc = nlohmann::json::object();
   if (!file.empty()) {
-    const auto text = read_all(file);
+    auto text = read_all(file);
     if (!text) return text;
     auto parsed = proto::parse_json(*text, "settings");
     if (!parsed) return proto::Unexpected(std::move(parsed.error()));

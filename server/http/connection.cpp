@@ -16,7 +16,7 @@
 namespace kiln::server {
 namespace {
 
-constexpr std::size_t kRead = 64 * 1024;
+constexpr std::size_t kRead = std::size_t{64} * 1024;
 constexpr std::string_view kHeadEnd = "\r\n\r\n";
 
 }  // namespace
@@ -75,10 +75,9 @@ void Connection::begin_exchange() {
 }
 
 bool Connection::wait(short events, std::chrono::milliseconds time) const {
-  const auto deadline_ = Clock::now() + time;
+  const auto until = Clock::now() + time;
   for (;;) {
-    const auto left =
-        std::chrono::duration_cast<std::chrono::milliseconds>(deadline_ - Clock::now());
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
     pollfd p{fd_.get(), events, 0};
     const int ready = ::poll(&p, 1, static_cast<int>(std::max<std::int64_t>(left.count(), 0)));
     if (ready > 0) return true;
@@ -142,7 +141,7 @@ void Connection::shut_down_writing() {
 }
 
 bool Connection::discard() {
-  std::array<char, 16 * 1024> piece;
+  std::array<char, std::size_t{16} * 1024> piece;
   for (int i = 0; i < 64; ++i) {
     const ssize_t got = receive(piece.data(), piece.size());
     if (got == 0) return false;

@@ -31,7 +31,7 @@ struct RequestHead {
 };
 
 struct HeadLimits {
-  static constexpr std::size_t kBytes = 32 * 1024;
+  static constexpr std::size_t kBytes = std::size_t{32} * 1024;
   static constexpr std::size_t kPath = 512;
   static constexpr std::size_t kTarget = 4096;
   static constexpr std::size_t kHeaders = 100;

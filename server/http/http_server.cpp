@@ -105,7 +105,7 @@ thread_local Exchange* t_exchange = nullptr;
 
 bool send_file_piece(const FileContent& content, std::size_t at, std::size_t left,
                      httplib::DataSink& sink) {
-  thread_local std::vector<char> buffer(256 * 1024);
+  thread_local std::vector<char> buffer(std::size_t{256} * 1024);
   const std::size_t want = std::min(left, buffer.size());
   const ssize_t got =
       ::pread(content.file->get(), buffer.data(), want, static_cast<off_t>(content.offset + at));

@@ -22,7 +22,7 @@ namespace kiln::server {
 /// or when it takes nothing for a minute, and resumes by event id.
 class Hub {
  public:
-  static constexpr std::size_t kFeed = 32 * 1024;  ///< bytes kept ready for one client
+  static constexpr std::size_t kFeed = std::size_t{32} * 1024;  ///< bytes kept ready for one client
   static constexpr std::chrono::seconds kStall{60};
 
   /// `stall`: how long a client may take nothing of what waits for it.

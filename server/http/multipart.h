@@ -29,7 +29,7 @@ struct PartSink {
 /// header.) Errors: `bad_request`.
 class MultipartReader {
  public:
-  static constexpr std::size_t kMaxPartHead = 8 * 1024;
+  static constexpr std::size_t kMaxPartHead = std::size_t{8} * 1024;
   static constexpr std::size_t kMaxParts = 256;
 
   MultipartReader(std::string boundary, PartSink sink);

@@ -34,7 +34,8 @@ std::string raw_problem(const proto::Error& error, const std::string& request_id
   const Response response = problem(error, request_id);
   std::string text = "HTTP/1.1 " + std::to_string(response.status) + " " +
                      std::string(proto::problem_kind(error.code).title) + "\r\n";
-  for (const auto& [name, value] : response.headers) text += name + ": " + value + "\r\n";
+  for (const auto& [name, value] : response.headers)
+    text.append(name).append(": ").append(value).append("\r\n");
   text += "X-Request-Id: " + request_id + "\r\nContent-Type: " + response.content_type +
           "\r\nContent-Length: " + std::to_string(response.body.size()) +
           "\r\nConnection: close\r\n\r\n";

@@ -13,7 +13,7 @@ namespace {
 using proto::Expected;
 using proto::fail;
 
-constexpr std::size_t kPiece = 256 * 1024;
+constexpr std::size_t kPiece = std::size_t{256} * 1024;
 constexpr std::size_t kMaxFileName = 1024;
 
 proto::Unexpected too_large(std::uint64_t limit) {

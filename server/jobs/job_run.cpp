@@ -34,7 +34,7 @@ void JobRun::run(std::stop_token service_stop) {
   } else {
     outcome = bake();
   }
-  conclude(std::move(outcome), service_stop);
+  conclude(std::move(outcome), std::move(service_stop));
 }
 
 JobRun::Outcome JobRun::bake() {
