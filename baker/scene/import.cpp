@@ -256,47 +256,58 @@ Expected<void> append_lights(Scene& scene, Document& document,
   return add_settings_lights(scene, settings);
 }
 
+struct Opened {
+  Document document;
+  std::vector<PlacedNode> placed;
+};
+
+Expected<Opened> open_scene(const SceneFiles& files, const ImportLimits& limits,
+                            const std::stop_token& stop) {
+  auto document = open_document(files, limits, stop);
+  if (!document) return Unexpected(document.error());
+  auto placed = place_nodes(*document, limits, stop);
+  if (!placed) return Unexpected(placed.error());
+  return Opened{std::move(*document), std::move(*placed)};
+}
+
 }  // namespace
 
 Expected<void> check_scene(const SceneFiles& files, const proto::BakeSettings& settings,
                            const ImportLimits& limits, std::stop_token stop) {
-  auto document = open_document(files, limits, stop);
-  if (!document) return Unexpected(document.error());
-  const auto placed = place_nodes(*document, limits, stop);
-  if (!placed) return Unexpected(placed.error());
-  Import import(*document, limits, stop);
-  const auto has_triangles = check_geometry(import, *placed);
+  auto opened = open_scene(files, limits, stop);
+  if (!opened) return Unexpected(opened.error());
+  auto& [document, placed] = *opened;
+  Import import(document, limits, stop);
+  const auto has_triangles = check_geometry(import, placed);
   if (!has_triangles) return Unexpected(has_triangles.error());
   if (!*has_triangles) return nothing_to_bake();
   Scene lights;
-  if (auto added = append_lights(lights, *document, *placed, settings, limits); !added)
-    return added;
+  if (auto added = append_lights(lights, document, placed, settings, limits); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;
-  return find_images(*document, import.materials.materials());
+  return find_images(document, import.materials.materials());
 }
 
 Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings& settings,
                              const ImportLimits& limits, std::stop_token stop) {
-  auto document = open_document(files, limits, stop);
-  if (!document) return Unexpected(document.error());
-  const auto placed = place_nodes(*document, limits, stop);
-  if (!placed) return Unexpected(placed.error());
-  Import import(*document, limits, stop);
+  auto opened = open_scene(files, limits, stop);
+  if (!opened) return Unexpected(opened.error());
+  auto& [document, placed] = *opened;
+  Import import(document, limits, stop);
   Scene scene;
-  if (auto done = append_geometry(scene, import, *placed); !done) return Unexpected(done.error());
-  if (auto done = append_lights(scene, *document, *placed, settings, limits); !done) {
+  if (auto done = append_geometry(scene, import, placed); !done) return Unexpected(done.error());
+  if (auto done = append_lights(scene, document, placed, settings, limits); !done) {
     return Unexpected(done.error());
   }
   if (auto lit = require_light(scene, import.emissive, settings); !lit) {
     return Unexpected(lit.error());
   }
   scene.materials = import.materials.materials();
-  if (auto done = load_images(*document, scene, limits, stop); !done)
+  if (auto done = load_images(document, scene, limits, stop); !done)
     return Unexpected(done.error());
-  if (document->has_animations) {
-    document->warnings.add("animation_ignored", "/animations", "the scene is baked at rest");
+  if (document.has_animations) {
+    document.warnings.add("animation_ignored", "/animations", "the scene is baked at rest");
   }
-  scene.warnings = document->warnings.take();
+  scene.warnings = document.warnings.take();
   return scene;
 }
 
