@@ -1,3 +1,4 @@
+#include <IexErrnoExc.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfHeader.h>
@@ -168,7 +169,9 @@ proto::Expected<void> write_exr(const std::filesystem::path& path, std::span<con
       write_tiles<float>(file, layers, type);
   } catch (const std::bad_alloc&) {
     throw;
-  } catch (const std::exception& e) {  // OpenEXR reports a full disk, a missing folder and so on so
+  } catch (const Iex::EnospcExc&) {
+    return fail("storage_full", "There is no room on the disk for an EXR file.");
+  } catch (const std::exception& e) {  // a missing folder and so on
     return fail("io_error", std::string("cannot write an EXR file: ") + e.what());
   }
   return {};

@@ -6,6 +6,7 @@
 
 #include "baker/bake.h"
 #include "proto/json.h"
+#include "server/http/openapi.h"
 #include "server/http/problem.h"
 #include "server/jobs/ids.h"
 
@@ -23,29 +24,44 @@ Api::Api(const ServerConfig& config, const DataFolder& data, JobStore& store,
       check_(std::move(check)),
       bake_threads_(bake_threads),
       waits_(std::max<std::ptrdiff_t>(config.http_threads / 2, 1)) {
-  const auto add = [this](const char* method, const char* pattern,
-                          Response (Api::*member)(Request&)) {
-    router_.add(method, pattern, [this, member](Request& r) { return (this->*member)(r); });
+  for (const Route& route : routes())
+    router_.add(route.method, route.pattern,
+                [this, handler = route.handler](Request& r) { return (this->*handler)(r); });
+}
+
+const std::vector<Api::Route>& Api::routes() {
+  static const std::vector<Route> all{
+      {"GET", "/", &Api::get_root},
+      {"GET", "/openapi.json", &Api::get_openapi},
+      {"GET", "/v1/capabilities", &Api::get_capabilities},
+      {"POST", "/v1/scenes", &Api::post_scene},
+      {"PUT", "/v1/scenes/sha256:{}", &Api::put_scene_named},
+      {"GET", "/v1/scenes/sha256:{}", &Api::get_scene},
+      {"POST", "/v1/jobs", &Api::post_job},
+      {"GET", "/v1/jobs", &Api::list_jobs},
+      {"GET", "/v1/jobs/{}", &Api::get_job},
+      {"PATCH", "/v1/jobs/{}", &Api::patch_job},
+      {"DELETE", "/v1/jobs/{}", &Api::delete_job},
+      {"POST", "/v1/jobs/{}/cancel", &Api::cancel_job},
+      {"POST", "/v1/jobs/{}/retry", &Api::retry_job},
+      {"GET", "/v1/jobs/{}/events", &Api::get_events},
+      {"GET", "/v1/jobs/{}/results", &Api::get_results},
+      {"GET", "/v1/jobs/{}/results/{}", &Api::get_result},
+      {"GET", "/v1/jobs/{}/results.zip", &Api::get_results_zip},
+      {"GET", "/v1/jobs/{}/preview", &Api::get_preview},
   };
-  add("GET", "/", &Api::get_root);
-  add("GET", "/v1/capabilities", &Api::get_capabilities);
-  add("POST", "/v1/scenes", &Api::post_scene);
-  add("GET", "/v1/scenes/sha256:{}", &Api::get_scene);
-  add("POST", "/v1/jobs", &Api::post_job);
-  add("GET", "/v1/jobs", &Api::list_jobs);
-  add("GET", "/v1/jobs/{}", &Api::get_job);
-  add("PATCH", "/v1/jobs/{}", &Api::patch_job);
-  add("DELETE", "/v1/jobs/{}", &Api::delete_job);
-  add("POST", "/v1/jobs/{}/cancel", &Api::cancel_job);
-  add("POST", "/v1/jobs/{}/retry", &Api::retry_job);
-  add("GET", "/v1/jobs/{}/events", &Api::get_events);
-  add("GET", "/v1/jobs/{}/results", &Api::get_results);
-  add("GET", "/v1/jobs/{}/results/{}", &Api::get_result);
-  add("GET", "/v1/jobs/{}/preview", &Api::get_preview);
+  return all;
+}
+
+std::vector<std::pair<std::string, std::string>> api_routes() {
+  std::vector<std::pair<std::string, std::string>> all;
+  for (const Api::Route& route : Api::routes()) all.emplace_back(route.method, route.pattern);
+  return all;
 }
 
 Response Api::handle(Request& request) {
-  if (request.head.path != "/") {  // a hint that tells nothing
+  const std::string& path = request.head.path;
+  if (path != "/" && path != "/openapi.json") {  // these tell nothing of this service
     auto principal = gate_.admit(request.head);
     if (!principal) return problem(principal.error(), request);
     request.principal = std::move(*principal);
@@ -64,6 +80,10 @@ Response Api::get_root(Request& request) {
                   "/v1/jobs/{id}/events\nFetch what came of it:\n  curl " + url +
                   "/v1/jobs/{id}/results\nWhat can be set:\n  curl " + url + "/v1/capabilities\n";
   return response;
+}
+
+Response Api::get_openapi(Request&) {
+  return json_response(200, openapi_document());
 }
 
 Response Api::get_capabilities(Request&) {

@@ -6,6 +6,8 @@
 #include <optional>
 #include <semaphore>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "baker/scene/import.h"
 #include "proto/expected.h"
@@ -35,6 +37,7 @@ class Api {
  private:
   Response post_job(Request&);
   Response post_scene(Request&);
+  Response put_scene_named(Request&);
   Response get_scene(Request&);
   Response list_jobs(Request&);
   Response get_job(Request&);
@@ -45,9 +48,11 @@ class Api {
   Response get_events(Request&);
   Response get_results(Request&);
   Response get_result(Request&);
+  Response get_results_zip(Request&);
   Response get_preview(Request&);
   Response get_capabilities(Request&);
   Response get_root(Request&);
+  Response get_openapi(Request&);
 
   proto::Expected<Submission> read_job_request(Request&);
   proto::Expected<Submission> read_json_job(Request&);
@@ -56,12 +61,22 @@ class Api {
   proto::Expected<proto::Job> find_job(const Request&) const;
   /// A scene that the client uploaded, or may see. Errors: `not_found`.
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
+  proto::Expected<SceneUpload> receive_scene(Request&);
   proto::Expected<SceneStore::Put> put_scene(const Request&, SceneUpload&&);
   proto::Expected<proto::Job> wait_for_job(const Request&, std::chrono::seconds);
   /// The job of the request when it has results, else why not.
   proto::Expected<proto::Job> find_finished(const Request&) const;
+  proto::Expected<std::shared_ptr<const proto::Fd>> open_result(const std::string& id,
+                                                                const proto::ResultFile&) const;
   proto::Expected<std::string> render_preview(const Request&, const proto::Job&,
                                               const baker::Snapshot&);
+
+  struct Route {
+    const char *method, *pattern;
+    Response (Api::*handler)(Request&);
+  };
+  static const std::vector<Route>& routes();
+  friend std::vector<std::pair<std::string, std::string>> api_routes();
 
   const ServerConfig& config_;
   const DataFolder& data_;
@@ -75,6 +90,9 @@ class Api {
   std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
   std::counting_semaphore<> previews_{2};
 };
+
+/// Method and pattern of every route of the API.
+std::vector<std::pair<std::string, std::string>> api_routes();
 
 /// A job as the answer, with its ETag.
 Response job_response(int status, const proto::Job&);

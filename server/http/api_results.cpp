@@ -7,9 +7,11 @@
 #include "baker/output/output.h"
 #include "baker/post/post.h"
 #include "proto/json.h"
+#include "proto/sha256.h"
 #include "server/http/api.h"
 #include "server/http/conditional.h"
 #include "server/http/problem.h"
+#include "server/http/zip.h"
 #include "server/jobs/ids.h"
 
 namespace kiln::server {
@@ -32,6 +34,25 @@ Response unsatisfiable(std::uint64_t size, const Request& request) {
       "The file has " + std::to_string(size) + " bytes; one range within them can be had.",
       {}};
   return problem(error, request).header("Content-Range", "bytes */" + std::to_string(size));
+}
+
+// Immutable content with a strong ETag: all of it, a range, or 304 and 416.
+Response content_response(const Request& request, const std::string& etag, const Content& content) {
+  const std::uint64_t size = length_of(content);
+  const Selection selection = select_content(request.head, etag, size);
+  if (selection.status == 304) return not_modified(etag);
+  if (selection.status == 416) return unsatisfiable(size, request);
+  Response response;
+  response.status = selection.status;
+  response.content = slice(content, selection.offset, selection.length);
+  response.header("ETag", etag)
+      .header("Accept-Ranges", "bytes")
+      .header("Cache-Control", "private, max-age=31536000, immutable");
+  if (selection.status == 206)
+    response.header("Content-Range", "bytes " + std::to_string(selection.offset) + "-" +
+                                         std::to_string(selection.offset + selection.length - 1) +
+                                         "/" + std::to_string(size));
+  return response;
 }
 
 // The name and its page number for page_07.exr, where settings asked for EXR files.
@@ -99,28 +120,43 @@ Response Api::get_result(Request& request) {
   if (found == files.end())
     return problem({"not_found", "Job " + job->id + " has no result " + name + ".", {}}, request);
 
-  const std::string etag = "\"" + found->sha256 + "\"";
-  const Selection selection = select_content(request.head, etag, found->bytes);
-  if (selection.status == 304) return not_modified(etag);
-  if (selection.status == 416) return unsatisfiable(found->bytes, request);
-  auto file = std::make_shared<proto::Fd>(
-      ::open((data_.results(job->id) / name).c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file->valid()) return problem(proto::storage_error("open", name).value(), request);
-  Response response;
-  response.status = selection.status;
+  auto file = open_result(job->id, *found);
+  if (!file) return problem(file.error(), request);
+  Response response = content_response(request, "\"" + found->sha256 + "\"",
+                                       {ContentPart::of(std::move(*file), found->bytes)});
+  if (response.status >= 300) return response;
   response.content_type = found->media_type;
-  response.file = FileContent{std::move(file), selection.offset, selection.length};
   const bool shown = found->media_type.starts_with("image/png");
-  response.header("ETag", etag)
-      .header("Accept-Ranges", "bytes")
-      .header("Cache-Control", "private, max-age=31536000, immutable")
-      .header("Content-Disposition",
-              std::string(shown ? "inline" : "attachment") + "; filename=\"" + name + "\"");
-  if (selection.status == 206)
-    response.header("Content-Range", "bytes " + std::to_string(selection.offset) + "-" +
-                                         std::to_string(selection.offset + selection.length - 1) +
-                                         "/" + std::to_string(found->bytes));
-  return response;
+  return response.header("Content-Disposition", std::string(shown ? "inline" : "attachment") +
+                                                    "; filename=\"" + name + "\"");
+}
+
+proto::Expected<std::shared_ptr<const proto::Fd>> Api::open_result(
+    const std::string& id, const proto::ResultFile& file) const {
+  const auto path = data_.results(id) / file.name;
+  auto fd = std::make_shared<const proto::Fd>(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!fd->valid()) return proto::storage_error("open", path);
+  return fd;
+}
+
+// All files in one answer. The name of the whole follows from the names and digests of its parts.
+Response Api::get_results_zip(Request& request) {
+  auto job = find_finished(request);
+  if (!job) return problem(job.error(), request);
+  std::vector<ZipEntry> entries;
+  proto::Sha256 identity;
+  for (const auto& result : jobs_.results(job->id)) {
+    auto file = open_result(job->id, result);
+    if (!file) return problem(file.error(), request);
+    entries.push_back({result.name, std::move(*file), result.bytes});
+    identity.update(result.name + "\n" + result.sha256 + "\n");
+  }
+  auto archive = zip_of(entries);
+  if (!archive) return problem(archive.error(), request);
+  Response response = content_response(request, "\"" + identity.hex() + "\"", *archive);
+  if (response.status >= 300) return response;
+  response.content_type = "application/zip";
+  return response.header("Content-Disposition", "attachment; filename=\"" + job->id + ".zip\"");
 }
 
 // A page of the running bake's latest pass, or of the finished result, as PNG bytes.

@@ -23,18 +23,36 @@ Response scene_response(int status, const StoredScene& scene) {
 
 // Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
 // a job names the scene.
-Response Api::post_scene(Request& request) {
+proto::Expected<SceneUpload> Api::receive_scene(Request& request) {
   auto upload =
       receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
                      /*for_job=*/false);
-  if (!upload) return problem(upload.error(), request);
+  if (!upload) return proto::Unexpected(upload.error());
   proto::BakeSettings any_light;
   any_light.allow_dark = true;
-  if (auto ok = check_(upload->scene.files(), any_light); !ok) return problem(ok.error(), request);
-  auto put = put_scene(request, std::move(upload->scene));
+  if (auto ok = check_(upload->scene.files(), any_light); !ok) return proto::Unexpected(ok.error());
+  return std::move(upload->scene);
+}
+
+Response Api::post_scene(Request& request) {
+  auto scene = receive_scene(request);
+  if (!scene) return problem(scene.error(), request);
+  auto put = put_scene(request, std::move(*scene));
   if (!put) return problem(put.error(), request);
   return scene_response(put->created ? 201 : 200, put->scene)
       .header("Location", scene_path(put->scene));
+}
+
+// The client says which scene it sends: what arrives has to be that one.
+Response Api::put_scene_named(Request& request) {
+  auto scene = receive_scene(request);
+  if (!scene) return problem(scene.error(), request);
+  const std::string key = identify_scene(scene->main->sha256, scene->side).key;
+  if (key != request.parameters.at(0))
+    return problem({"digest_mismatch", "What arrived is sha256:" + key + ".", {}}, request);
+  auto put = put_scene(request, std::move(*scene));
+  if (!put) return problem(put.error(), request);
+  return scene_response(put->created ? 201 : 200, put->scene);
 }
 
 proto::Expected<void> Api::check_owner(const Request& request, const std::string& scene) const {

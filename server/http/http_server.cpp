@@ -103,12 +103,9 @@ class ExchangeStream final : public httplib::Stream {
 
 thread_local Exchange* t_exchange = nullptr;
 
-bool send_file_piece(const FileContent& content, std::size_t at, std::size_t left,
-                     httplib::DataSink& sink) {
+bool send_piece(const Content& content, std::size_t at, std::size_t left, httplib::DataSink& sink) {
   thread_local std::vector<char> buffer(std::size_t{256} * 1024);
-  const std::size_t want = std::min(left, buffer.size());
-  const ssize_t got =
-      ::pread(content.file->get(), buffer.data(), want, static_cast<off_t>(content.offset + at));
+  const std::int64_t got = read_content(content, at, buffer.data(), std::min(left, buffer.size()));
   return got > 0 && sink.write(buffer.data(), static_cast<std::size_t>(got));
 }
 
@@ -122,11 +119,11 @@ void fill_answer(Exchange& exchange, httplib::Response& out) {
                                        exchange.hand_over = true;  // the head is out, no body byte
                                        return false;
                                      });
-  } else if (response.file && response.file->length > 0) {
+  } else if (!response.content.empty()) {
     out.set_content_provider(
-        response.file->length, response.content_type,
-        [content = *response.file](std::size_t at, std::size_t left, httplib::DataSink& sink) {
-          return send_file_piece(content, at, left, sink);
+        length_of(response.content), response.content_type,
+        [content = response.content](std::size_t at, std::size_t left, httplib::DataSink& sink) {
+          return send_piece(content, at, left, sink);
         });
   } else if (!response.content_type.empty()) {
     out.set_content(response.body, response.content_type);

@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "proto/files.h"
 #include "server/auth/principal.h"
 #include "server/http/body.h"
+#include "server/http/content.h"
 #include "server/http/head.h"
 #include "server/jobs/event_ring.h"
 
@@ -25,12 +25,6 @@ struct Request {
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
 };
 
-/// A part of a file as the answer's content.
-struct FileContent {
-  std::shared_ptr<const proto::Fd> file;
-  std::uint64_t offset = 0, length = 0;
-};
-
 /// An event stream that takes the connection over once the head of the answer is out.
 struct StreamContent {
   std::shared_ptr<const EventRing> ring;
@@ -43,7 +37,7 @@ struct Response {
   std::vector<std::pair<std::string, std::string>> headers;
   std::string content_type;
   std::string body;
-  std::optional<FileContent> file;
+  Content content;  ///< instead of `body`, when it is not empty
   std::optional<StreamContent> stream;
 
   Response& header(std::string name, std::string value) {

@@ -1,10 +1,14 @@
 #include "server/http/upload.h"
 
+#include <openssl/evp.h>
+
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <utility>
 #include <vector>
 
+#include "proto/sha256.h"
 #include "server/http/multipart.h"
 
 namespace kiln::server {
@@ -21,18 +25,40 @@ proto::Unexpected too_large(std::uint64_t limit) {
               "The request's body is over the limit of " + std::to_string(limit) + " bytes.");
 }
 
+// The base64 text of `sha-256=:...:` in a Content-Digest (RFC 9530); other algorithms are ignored.
+std::optional<std::string> announced_digest(const RequestHead& head) {
+  constexpr std::string_view kBegin = "sha-256=:";
+  const std::string* header = head.header("content-digest");
+  const auto at = header ? header->find(kBegin) : std::string::npos;
+  if (at == std::string::npos) return std::nullopt;
+  const auto from = at + kBegin.size();
+  return header->substr(from, header->find(':', from) - from);
+}
+
+std::string base64(const std::array<unsigned char, 32>& digest) {
+  std::array<unsigned char, 45> text{};  // four characters for three bytes, and a zero
+  const int length = EVP_EncodeBlock(text.data(), digest.data(), static_cast<int>(digest.size()));
+  return {text.begin(), text.begin() + length};
+}
+
 // Hands the body on piece by piece. Counts bytes as they come: a Content-Length may be absent.
 Expected<void> for_each_piece(Request& request, std::uint64_t limit,
                               const std::function<Expected<void>(std::string_view)>& take) {
   if (request.head.content_length.value_or(0) > limit) return too_large(limit);
   std::vector<char> buffer(kPiece);
   std::uint64_t total = 0;
+  const auto announced = announced_digest(request.head);
+  proto::Sha256 hash;
   for (;;) {
     const ssize_t got = request.body.read(buffer.data(), buffer.size());
-    if (got == 0) return {};
+    if (got == 0) {
+      if (!announced || base64(hash.digest()) == *announced) return {};
+      return fail("digest_mismatch", "The body does not have the announced Content-Digest.");
+    }
     if (got < 0) return fail("bad_request", "The request's body ended early or is malformed.");
     total += static_cast<std::uint64_t>(got);
     if (total > limit) return too_large(limit);
+    if (announced) hash.update({buffer.data(), static_cast<std::size_t>(got)});
     if (auto ok = take({buffer.data(), static_cast<std::size_t>(got)}); !ok) return ok;
   }
 }

@@ -136,7 +136,7 @@ TEST_F(Bakes, ACancelTakesLessThanASecond) {
          stream.events().back().data.find("\"solve\"") == std::string::npos)
     ASSERT_TRUE(stream.wait_next());
   const auto began = std::chrono::steady_clock::now();
-  EXPECT_EQ(curl("-X POST " + job_url(id, "/cancel")).status, 202);
+  EXPECT_EQ(ask(program.port(), "POST", "/v1/jobs/" + id + "/cancel").status, 202);
   ASSERT_TRUE(stream.wait_for("job.end"));
   EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1));
   EXPECT_NE(stream.events().back().data.find("\"canceled\""), std::string::npos);

@@ -18,7 +18,7 @@ namespace kiln::server {
 Live::Live(BakeFunction bake, ServerConfig config, EdgeLimits limits, CheckFunction check) {
   set_up_log("off", LogFormat::kText);
   config.port = config.admin_port = 0;
-  config.data = folder.path() / "data";
+  if (config.data == ServerConfig{}.data) config.data = folder.path() / "data";
   if (!check)
     check = [](const baker::SceneFiles&, const proto::BakeSettings&) {
       return proto::Expected<void>();

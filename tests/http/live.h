@@ -13,7 +13,7 @@
 
 namespace kiln::server {
 
-/// A service in this process, on free ports and a folder of its own.
+/// A service in this process, on free ports and a folder of its own unless the config names one.
 struct Live {
   test::TempFolder folder;
   std::unique_ptr<Service> service;

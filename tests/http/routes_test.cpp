@@ -7,6 +7,7 @@
 #include "baker/bake.h"
 #include "live.h"
 #include "proto/problems.h"
+#include "proto/sha256.h"
 
 namespace kiln::server {
 namespace {
@@ -76,6 +77,50 @@ TEST(Routes, ScenesAreUploadedOnce) {
   EXPECT_EQ(wait_for_state(live.port(), id, "succeeded"), "succeeded");
   const Answer list = ask(live.port(), "GET", "/v1/jobs?limit=1&state=succeeded");
   EXPECT_NE(list.body.find(id), std::string::npos);
+}
+
+TEST(Routes, WhatIsAnnouncedIsChecked) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const std::string key = proto::sha256_hex("glTF1"), path = "/v1/scenes/sha256:";
+  const Answer put = ask(live.port(), "PUT", path + key, {}, "glTF1");
+  EXPECT_EQ(put.status, 201) << put.body;
+  EXPECT_EQ(member(put.body, "id"), "sha256:" + key);
+  EXPECT_EQ(ask(live.port(), "PUT", path + key, {}, "glTF1").status, 200);
+  const Answer other = ask(live.port(), "PUT", path + key, {}, "glTF2");
+  EXPECT_EQ(other.status, 422);
+  EXPECT_EQ(member(other.body, "code"), "digest_mismatch");
+  EXPECT_EQ(ask(live.port(), "HEAD", path + proto::sha256_hex("glTF2")).status, 404);
+  // printf abc | openssl dgst -sha256 -binary | base64
+  const std::string digest = "ungWv48Bz+pBQUDeXa4iI7ADYaOWF3qctBD/YfIAFa0=";
+  const auto post = [&](const std::string& header) {
+    return ask(live.port(), "POST", "/v1/scenes", {"Content-Digest: " + header}, "abc").status;
+  };
+  EXPECT_EQ(post("sha-256=:" + digest + ":"), 201);
+  EXPECT_EQ(post("md5=:AA==:, sha-256=:" + digest + ":"), 200);
+  EXPECT_EQ(post("sha-256=:AAAA:"), 422);
+  EXPECT_EQ(post("md5=:AA==:"), 200) << "an algorithm that is not known";
+}
+
+TEST(Routes, AllResultsComeAsOneArchive) {
+  FakeBake fake;
+  const Live live(fake.instant());
+  const std::string path = "/v1/jobs/" + post_job(live.port());
+  ask(live.port(), "GET", path + "?wait=20");
+  const Answer zip = ask(live.port(), "GET", path + "/results.zip");
+  EXPECT_EQ(zip.status, 200);
+  EXPECT_EQ(zip.headers.at("content-type"), "application/zip");
+  EXPECT_TRUE(zip.body.starts_with("PK"));
+  EXPECT_NE(zip.body.find(std::string(100'000, 'p')), std::string::npos);
+  const Answer rest = ask(live.port(), "GET", path + "/results.zip",
+                          {"Range: bytes=50000-", "If-Range: " + zip.headers.at("etag")});
+  EXPECT_EQ(rest.status, 206);
+  EXPECT_EQ(rest.body, zip.body.substr(50'000)) << "a download that was cut goes on";
+  EXPECT_EQ(
+      ask(live.port(), "GET", path + "/results.zip", {"If-None-Match: " + zip.headers.at("etag")})
+          .status,
+      304);
+  EXPECT_EQ(ask(live.port(), "GET", "/v1/jobs/job_x/results.zip").status, 404);
 }
 
 struct BadRequest {

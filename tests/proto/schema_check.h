@@ -3,14 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 #include <stdexcept>
 #include <string>
 
 namespace kiln::proto::test {
 
-/// An independent, small validator for the parts of JSON Schema 2020-12 that settings_schema() is
-/// made of. Throws on a keyword it does not know, so that nothing is taken for granted.
+/// An independent, small validator for the parts of JSON Schema 2020-12 that our schemas are made
+/// of, with their references resolved. Throws on a keyword it does not know, so that nothing is
+/// taken for granted.
 inline bool accepts(const nlohmann::json& schema, const nlohmann::json& v);
 
 inline bool has_type(const std::string& type, const nlohmann::json& v) {
@@ -25,13 +27,17 @@ inline bool has_type(const std::string& type, const nlohmann::json& v) {
 }
 
 inline bool properties_fit(const nlohmann::json& schema, const nlohmann::json& v) {
+  const nlohmann::json none = nlohmann::json::object(), any = true;
+  const auto member = [&](const char* name, const nlohmann::json& otherwise) {
+    const auto found = schema.find(name);
+    return found == schema.end() ? otherwise : *found;
+  };
+  const nlohmann::json known = member("properties", none);
+  const nlohmann::json others = member("additionalProperties", any);
   for (const auto& [key, value] : v.items()) {
-    const auto known = schema.at("properties").find(key);
-    if (known == schema.at("properties").end()) {
-      if (schema.value("additionalProperties", true)) continue;
-      return false;
-    }
-    if (!accepts(*known, value)) return false;
+    const auto own = known.find(key);
+    const nlohmann::json& rule = own == known.end() ? others : *own;
+    if (rule.is_boolean() ? !rule.get<bool>() : !accepts(rule, value)) return false;
   }
   return true;
 }
@@ -59,13 +65,18 @@ inline bool keyword_fits(const nlohmann::json& schema, const std::string& keywor
   if (keyword == "oneOf")
     return std::count_if(rule.begin(), rule.end(),
                          [&](const nlohmann::json& option) { return accepts(option, v); }) == 1;
-  if (keyword == "properties") return !v.is_object() || properties_fit(schema, v);
+  if (keyword == "properties" || keyword == "additionalProperties")
+    return !v.is_object() || properties_fit(schema, v);
+  if (keyword == "maxProperties") return !v.is_object() || v.size() <= rule.get<std::size_t>();
+  if (keyword == "pattern")
+    return !v.is_string() ||
+           std::regex_search(v.get<std::string>(), std::regex(rule.get<std::string>()));
   if (keyword == "required")
     return !v.is_object() || std::all_of(rule.begin(), rule.end(), [&](const nlohmann::json& key) {
       return v.contains(key.get<std::string>());
     });
-  static const std::set<std::string> notes{
-      "additionalProperties", "default", "description", "title", "x-unit", "$schema", "$id"};
+  static const std::set<std::string> notes{"default", "description", "title", "x-unit",
+                                           "$schema", "$id",         "format"};
   if (notes.count(keyword) == 0) throw std::logic_error("unknown keyword " + keyword);
   return true;
 }

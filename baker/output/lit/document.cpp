@@ -1,6 +1,7 @@
 #include "baker/output/lit/document.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -8,6 +9,7 @@
 
 #include "baker/scene/container.h"
 #include "baker/scene/uri.h"
+#include "proto/files.h"
 
 namespace kiln::baker {
 namespace {
@@ -200,6 +202,7 @@ Expected<void> LitDocument::write(const std::filesystem::path& path) {
   if (total > kMaxGlb)
     return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
 
+  errno = 0;
   std::ofstream out(path, std::ios::binary | std::ios::trunc);
   const auto put = [&](std::string_view bytes) {
     out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
@@ -210,7 +213,7 @@ Expected<void> LitDocument::write(const std::filesystem::path& path) {
   put(u32_bytes(binary_.size()) + std::string("BIN\0", 4));
   for (const std::string_view piece : binary_.pieces()) put(piece);
   out.close();
-  if (!out) return proto::fail("io_error", "cannot write lit.glb");
+  if (!out) return proto::storage_error("write", path);
   return {};
 }
 

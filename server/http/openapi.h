@@ -1,0 +1,14 @@
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+
+namespace kiln::server {
+
+/// The API as an OpenAPI 3.1 document, for client generators and test tools. Schemas of what the
+/// service answers are closed: a member that they don't name does not come.
+nlohmann::json openapi_document();
+
+/// The `components/schemas` of that document (openapi_schemas.cpp).
+nlohmann::json openapi_schemas();
+
+}  // namespace kiln::server
