@@ -26,6 +26,7 @@ struct ServerConfig {
   std::uint32_t max_queued_jobs_per_tenant = 0;   ///< beyond: `quota_exceeded`; 0: no limit
   std::uint32_t max_running_jobs_per_tenant = 0;  ///< others wait; 0: no limit
   std::uint64_t max_bytes_per_tenant = 0;         ///< of results; 0: no limit
+  std::uint32_t max_job_seconds = 0;  ///< of one attempt; beyond: `bake_timeout`; 0: no limit
   std::uint32_t job_ttl_seconds = 0;  ///< that a job is kept after its end, unless it says; 0: ever
   std::uint32_t leftover_ttl_seconds = 86'400;  ///< unused scenes, checkpoints of failed jobs
   std::uint64_t max_data_bytes = 0;             ///< beyond, old jobs are deleted; 0: no limit

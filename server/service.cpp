@@ -11,6 +11,7 @@
 #include "server/http/hub.h"
 #include "server/jobs/janitor.h"
 #include "server/log.h"
+#include "server/metrics/metrics.h"
 
 namespace kiln::server {
 namespace {
@@ -31,6 +32,7 @@ JobLimits job_limits(const ServerConfig& config) {
   JobLimits limits;
   limits.running = config.max_running_jobs;
   limits.queued = config.max_queued_jobs;
+  limits.run = std::chrono::seconds(config.max_job_seconds);
   limits.ttl_seconds = config.job_ttl_seconds;
   limits.tenant_queued = config.max_queued_jobs_per_tenant;
   limits.tenant_running = config.max_running_jobs_per_tenant;
@@ -45,24 +47,26 @@ struct Service::Impl {
       : config(c),
         parts(std::move(p)),
         data(std::move(folder)),
-        store(data.database()),
+        store(data.database(), [this](double seconds) { metrics.committed(seconds); }),
         tokens(data.tokens()),
         gate(tokens),
         scenes(data),
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config)),
+        jobs(data, store, scenes, pool, parts.bake, job_limits(config), {}, &metrics),
         janitor(data, store, scenes, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
         api(config, data, store, scenes, jobs, gate, parts.check, pool.size()),
-        admin(admin_routes(data, store, [this] { return draining.load(); })) {
+        admin(admin_routes(
+            data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
   }
 
   ServerConfig config;
   ServiceParts parts;
   DataFolder data;
+  Metrics metrics;
   JobStore store;
   TokenStore tokens;
   Gate gate;
@@ -76,10 +80,32 @@ struct Service::Impl {
   std::atomic<bool> draining{false};
   std::unique_ptr<HttpServer> api_server, admin_server;
 
+  Response counted(Request& request) {
+    const auto began = std::chrono::steady_clock::now();
+    const auto count = [&](int status) {
+      const std::chrono::duration<double> time = std::chrono::steady_clock::now() - began;
+      metrics.request(request.head.method, request.route, status, time.count());
+    };
+    try {
+      Response response = api.handle(request);
+      count(response.status);
+      return response;
+    } catch (...) {
+      count(500);
+      throw;
+    }
+  }
+
+  std::string metrics_text() {
+    const JobService::Counts jobs_now = jobs.counts();
+    return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), hub.dropped(),
+                         data.bytes(), data.free_share()});
+  }
+
   proto::Expected<void> listen() {
     auto main = HttpServer::start(
         {"api", config.listen, config.port, config.http_threads, parts.limits},
-        [this](Request& request) { return api.handle(request); }, hub);
+        [this](Request& request) { return counted(request); }, hub);
     if (!main) return proto::Unexpected(main.error());
     api_server = std::move(*main);
     constexpr unsigned kAdminThreads = 2;

@@ -95,7 +95,8 @@ Response Api::get_capabilities(Request&) {
       {"threads", bake_threads_},
       {"instruction_set", baker::instruction_set()}};
   const baker::ImportLimits import;
-  document["limits"] = {{"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
+  document["limits"] = {{"job_seconds", config_.max_job_seconds},
+                        {"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
                         {"tenant_running_jobs", config_.max_running_jobs_per_tenant},
                         {"tenant_result_bytes", config_.max_bytes_per_tenant},
                         {"upload_bytes", config_.max_upload_bytes},
@@ -128,11 +129,17 @@ proto::Expected<std::optional<std::uint64_t>> query_number(const Request& reques
   return value;
 }
 
-Router admin_routes(const DataFolder& data, JobStore& store,
-                    const std::function<bool()>& draining) {
+Router admin_routes(const DataFolder& data, JobStore& store, const std::function<bool()>& draining,
+                    const std::function<std::string()>& metrics) {
   Router router;
   router.add("GET", "/healthz", [](Request&) {
     return json_response(200, {{"status", "ok"}, {"version", LIGHTKILN_VERSION}});
+  });
+  router.add("GET", "/metrics", [metrics](Request&) {
+    Response response;
+    response.content_type = "text/plain; version=0.0.4; charset=utf-8";
+    response.body = metrics();
+    return response.header("Cache-Control", "no-store");
   });
   router.add("GET", "/readyz", [&data, &store, draining](Request&) {
     constexpr double kMinFree = 0.05;

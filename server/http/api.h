@@ -97,8 +97,9 @@ std::vector<std::pair<std::string, std::string>> api_routes();
 /// A job as the answer, with its ETag.
 Response job_response(int status, const proto::Job&);
 
-/// The routes of the admin port: /healthz and /readyz.
-Router admin_routes(const DataFolder&, JobStore&, const std::function<bool()>& draining);
+/// The routes of the admin port: /healthz, /readyz and /metrics.
+Router admin_routes(const DataFolder&, JobStore&, const std::function<bool()>& draining,
+                    const std::function<std::string()>& metrics);
 
 /// Reads a number from the query. Errors: `bad_request`, with the parameter's name.
 proto::Expected<std::optional<std::uint64_t>> query_number(const Request&, const char* name,

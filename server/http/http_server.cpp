@@ -131,7 +131,7 @@ void fill_answer(Exchange& exchange, httplib::Response& out) {
 }
 
 Response call(const server::Handler& handler, Exchange& exchange) {
-  Request request{exchange.head, exchange.body, exchange.request_id, {}, {}};
+  Request request{exchange.head, exchange.body, exchange.request_id, {}, {}, {}};
   const auto report = [&](const char* what) {
     log_line(LogLevel::kError, "http.exception",
              {{"request_id", request.id}, {"path", exchange.head.path}, {"what", what}});

@@ -23,6 +23,7 @@ struct Request {
   std::string id;                       ///< req_..., on the answer and in the log
   Principal principal;                  ///< who asks
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
+  std::string route;                    ///< the pattern; "" when there is none for the path
 };
 
 /// An event stream that takes the connection over once the head of the answer is out.

@@ -39,7 +39,7 @@ std::optional<std::vector<std::string>> match(const std::vector<std::string>& pa
 }  // namespace
 
 void Router::add(std::string method, std::string_view pattern, Handler handler) {
-  routes_.push_back({std::move(method), split(pattern), std::move(handler)});
+  routes_.push_back({std::move(method), std::string(pattern), split(pattern), std::move(handler)});
 }
 
 Response Router::route(Request& request) const {
@@ -50,6 +50,7 @@ Response Router::route(Request& request) const {
     auto parameters = match(route.segments, path);
     if (!parameters) continue;
     allowed.insert(route.method);
+    request.route = route.pattern;
     if (route.method == "GET") allowed.insert("HEAD");
     if (route.method != method && !(route.method == "GET" && method == "HEAD")) continue;
     request.parameters = std::move(*parameters);

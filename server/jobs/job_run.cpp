@@ -1,12 +1,14 @@
 #include "server/jobs/job_run.h"
 
 #include <algorithm>
+#include <condition_variable>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "proto/json.h"
 #include "server/log.h"
+#include "server/metrics/metrics.h"
 
 namespace kiln::server {
 namespace {
@@ -14,6 +16,24 @@ namespace {
 using proto::JobState;
 using Durability = Database::Durability;
 using Clock = std::chrono::steady_clock;
+
+/// Calls `late` unless it goes before the time is up. No time: never.
+class Timer {
+ public:
+  Timer(std::chrono::seconds time, std::function<void()> late) {
+    if (time.count() == 0) return;
+    thread_ = std::jthread([time, late = std::move(late)](std::stop_token stop) {
+      std::mutex mutex;
+      std::condition_variable_any wake;
+      std::unique_lock lock(mutex);
+      wake.wait_for(lock, stop, time, [] { return false; });
+      if (!stop.stop_requested()) late();
+    });
+  }
+
+ private:
+  std::jthread thread_;
+};
 
 bool is_plain_name(const std::string& name) {
   return !name.empty() && name[0] != '.' && name.find('/') == std::string::npos;
@@ -27,6 +47,9 @@ void JobRun::run(std::stop_token service_stop) {
     canceled_before_start = job_.cancel_requested;
     if (!canceled_before_start)
       change_state(context_.store, job_, JobState::kPreparing, Durability::kProgress);
+    if (context_.metrics)
+      context_.metrics->job_started(
+          std::chrono::duration<double>(Clock::now() - job_.waiting_since).count());
   });
   Outcome outcome;
   if (canceled_before_start) {
@@ -54,7 +77,18 @@ JobRun::Outcome JobRun::bake() {
                                  scene->main_sha256,
                                  scene->key,
                                  job_.enough.get_token()};
+    const Timer timer(context_.limits.run, [this] {
+      timed_out_ = true;
+      job_.stop.request_stop();
+    });
     auto manifest = context_.bake(input, context_.pool, job_.stop.get_token(), *this);
+    if (!manifest && timed_out_ && manifest.error().code == proto::kCanceledCode)
+      return {proto::Error{"bake_timeout",
+                           "The attempt took longer than the " +
+                               std::to_string(context_.limits.run.count()) +
+                               " seconds that the service allows.",
+                           {}},
+              {}};
     if (!manifest) return {manifest.error(), {}};
     auto files = collect(*manifest);
     if (!files) return {files.error(), {}};
@@ -115,6 +149,7 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   }
+  if (context_.metrics && proto::is_terminal(end)) context_.metrics->job_ended(end);
   // The others may be run again from theirs.
   if (end == JobState::kSucceeded) context_.data.remove_checkpoints(job_.id);
   context_.notify();
@@ -147,7 +182,7 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
     const auto now = Clock::now();
     job_.stored.job.progress = progress;
     ++job_.stored.job.version;
-    if (now - last_progress_ < context_.progress_interval) return;
+    if (now - last_progress_ < context_.limits.progress_interval) return;
     last_progress_ = now;
   }
   record([&] { add_event(context_.store, job_, "job.progress", proto::to_json(progress)); });
@@ -165,6 +200,7 @@ void JobRun::on_resume(std::uint32_t passes) {
 
 // A pass that is done is progress: what ended the attempts before was not this job.
 void JobRun::on_pass(const proto::PassReport& report) {
+  if (context_.metrics) context_.metrics->pass_done(report);
   record([&] {
     job_.stored.crashes = 0;
     add_event(context_.store, job_, "pass.completed", proto::to_json(report));

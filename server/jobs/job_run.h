@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <mutex>
@@ -20,7 +21,8 @@ struct RunContext {
   baker::ThreadPool& pool;
   const BakeFunction& bake;
   const baker::ImportLimits& import_limits;
-  std::chrono::milliseconds progress_interval;
+  const JobLimits& limits;
+  Metrics* metrics;              ///< null: nobody counts
   std::function<void()> notify;  ///< after each new event
 };
 
@@ -53,6 +55,7 @@ class JobRun final : public baker::BakeObserver {
 
   const RunContext& context_;
   LiveJob& job_;
+  std::atomic<bool> timed_out_{false};
   std::chrono::steady_clock::time_point last_progress_{};  ///< guarded by job_.mutex
 };
 

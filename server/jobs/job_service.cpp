@@ -20,14 +20,15 @@ using proto::JobState;
 
 JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore& scenes,
                        baker::ThreadPool& pool, BakeFunction bake, JobLimits limits,
-                       baker::ImportLimits import_limits)
+                       baker::ImportLimits import_limits, Metrics* metrics)
     : data_(data),
       store_(store),
       scenes_(scenes),
       pool_(pool),
       bake_(std::move(bake)),
       limits_(limits),
-      import_limits_(import_limits) {
+      import_limits_(import_limits),
+      metrics_(metrics) {
   recover();
   clear_leftovers();
   for (std::uint32_t i = 0; i < limits_.running; ++i)
@@ -236,10 +237,10 @@ JobService::LivePtr JobService::next_job(std::stop_token stop) {
 
 void JobService::runner_loop(std::stop_token stop) {
   while (const LivePtr job = next_job(stop)) {
-    const RunContext context{
-        data_, store_, scenes_, pool_, bake_, import_limits_, limits_.progress_interval, [&] {
-          notify(*job);
-        }};
+    const RunContext context{data_,   store_,   scenes_,
+                             pool_,   bake_,    import_limits_,
+                             limits_, metrics_, [&] {
+          notify(*job); }};
     JobRun(context, *job).run(stop);
     {
       const std::lock_guard lock(mutex_);

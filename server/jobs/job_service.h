@@ -27,6 +27,7 @@
 namespace kiln::server {
 
 struct LiveJob;
+class Metrics;
 
 /// baker::bake, or a test's stand-in.
 using BakeFunction = std::function<proto::Expected<proto::Manifest>(
@@ -38,7 +39,8 @@ struct JobLimits {
   std::uint32_t crashes = 3;    ///< attempts in a row that may end with the process, without one
                                 ///< more pass done, before a job fails
   std::chrono::milliseconds progress_interval{250};  ///< between two job.progress events
-  std::uint64_t ttl_seconds = 0;                     ///< of jobs that don't say; 0: for ever
+  std::chrono::seconds run{0};    ///< of one attempt; beyond: `bake_timeout`; 0: no limit
+  std::uint64_t ttl_seconds = 0;  ///< of jobs that don't say; 0: for ever
   /// Of one tenant; 0: no limit. Beyond: `quota_exceeded`, or waiting for the second.
   std::uint32_t tenant_queued = 0, tenant_running = 0;
   std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
@@ -72,7 +74,7 @@ class JobService {
   /// Takes up the jobs that an earlier process left, clears away what it left besides, then starts
   /// the runners.
   JobService(const DataFolder&, JobStore&, const SceneStore&, baker::ThreadPool&, BakeFunction,
-             JobLimits, baker::ImportLimits = {});
+             JobLimits, baker::ImportLimits = {}, Metrics* = nullptr);
   ~JobService();  ///< stop(), unless done
   JobService(const JobService&) = delete;
   JobService& operator=(const JobService&) = delete;
@@ -168,6 +170,7 @@ class JobService {
   BakeFunction bake_;
   JobLimits limits_;
   baker::ImportLimits import_limits_;
+  Metrics* metrics_;  ///< null: nobody counts
   std::function<void(const EventRing*)> event_hook_;
 
   mutable std::mutex mutex_;  ///< guards what follows

@@ -158,8 +158,10 @@ std::vector<StoredJob> read_all(Statement& rows) {
 
 }  // namespace
 
-JobStore::JobStore(const std::filesystem::path& path) : writer_(path), reader_(path) {
+JobStore::JobStore(const std::filesystem::path& path, std::function<void(double)> on_commit)
+    : writer_(path), reader_(path) {
   migrate();
+  writer_.on_commit(std::move(on_commit));
 }
 
 void JobStore::migrate() {

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -43,7 +44,8 @@ class JobStore {
  public:
   /// Opens or creates the file and migrates its schema. Throws when it was written by a later
   /// version.
-  explicit JobStore(const std::filesystem::path&);
+  /// `on_commit` is told how many seconds each write took.
+  explicit JobStore(const std::filesystem::path&, std::function<void(double)> on_commit = {});
 
   /// Stores a new job with its events, its result files when it is over already, and the key of the
   /// request; on the disk when it returns. Returns its sequence.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json_fwd.hpp>
@@ -32,6 +33,7 @@ struct LiveJob {
   StoredJob stored;
   baker::Snapshot snapshot;
   bool cancel_requested = false;
+  std::chrono::steady_clock::time_point waiting_since = std::chrono::steady_clock::now();
 
   /// An event of this job with the next id after `already` others that are not pushed yet. Needs
   /// the mutex.

@@ -2,6 +2,8 @@
 
 #include <sqlite3.h>
 
+#include <chrono>
+
 namespace kiln::server {
 namespace {
 
@@ -89,6 +91,7 @@ void Database::run(const std::string& sql) {
 }
 
 void Database::transaction(Durability durability, const std::function<void()>& body) {
+  const auto began = std::chrono::steady_clock::now();
   run(durability == Durability::kPromise ? "PRAGMA synchronous=FULL" : "PRAGMA synchronous=NORMAL");
   run("BEGIN IMMEDIATE");
   try {
@@ -99,6 +102,8 @@ void Database::transaction(Durability durability, const std::function<void()>& b
     sqlite3_exec(handle_, "ROLLBACK", nullptr, nullptr, nullptr);
     throw;
   }
+  if (on_commit_)
+    on_commit_(std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count());
 }
 
 }  // namespace kiln::server

@@ -57,9 +57,12 @@ class Database {
   };
   /// Runs `body` in one transaction; rolls back when it throws.
   void transaction(Durability, const std::function<void()>& body);
+  /// Told how many seconds each transaction took that was committed.
+  void on_commit(std::function<void(double)> hook) { on_commit_ = std::move(hook); }
 
  private:
   sqlite3* handle_ = nullptr;
+  std::function<void(double)> on_commit_;
 };
 
 }  // namespace kiln::server

@@ -76,6 +76,17 @@ TEST_F(JobServiceTest, CoalescesProgress) {
   fake_.go = true;
 }
 
+TEST_F(JobServiceTest, AnAttemptThatTakesTooLongFails) {
+  JobLimits limits;
+  limits.run = 1s;
+  start(fake_.holding(), limits);
+  const proto::Job job = wait(submit());
+  EXPECT_EQ(job.state, JobState::kFailed);
+  EXPECT_EQ(job.error->code, "bake_timeout");
+  start(fake_.instant(), limits);
+  EXPECT_EQ(wait(submit()).state, JobState::kSucceeded);
+}
+
 TEST_F(JobServiceTest, AFaultFailsThatJobOnly) {
   start(FakeBake::throwing([] { throw std::bad_alloc(); }));
   EXPECT_EQ(wait(submit()).error->code, "out_of_memory");
