@@ -33,6 +33,7 @@ struct SolverSettings {
   std::uint32_t bounces = 16;         ///< diffuse bounces after direct light
   std::uint32_t samples = 256;        ///< indirect directions (gather) or paths (path) per texel
   std::uint32_t direct_samples = 64;  ///< shadow rays per texel towards area lights (gather)
+  bool coarse_indirect = true;        ///< gather every second texel, interpolate between (gather)
   float tolerance = 0.001f;           ///< stop when a bounce changes E by less than this share
   std::uint64_t seed = 1;             ///< below 2^53, so that JSON keeps it
 };

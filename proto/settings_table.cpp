@@ -118,6 +118,11 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .unit = "samples/texel",
            .description = "Shadow rays per texel towards area lights (gather)."}),
+      row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
+          {.path = "solver.coarse_indirect", .kind = kBoolean,
+           .description = "Gather indirect light at every second texel of a row and of a column, and "
+                          "interpolate where those around a texel agree within 6 %; the others are "
+                          "gathered too (gather)."}),
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "

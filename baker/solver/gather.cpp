@@ -8,6 +8,7 @@
 #include <numeric>
 #include <vector>
 
+#include "baker/solver/coarse_sites.h"
 #include "baker/solver/direct.h"
 #include "baker/solver/footprint.h"
 #include "baker/solver/sobol.h"
@@ -102,22 +103,25 @@ class GatherSolver final : public Solver {
   GatherSolver(const SolverInput& in, std::uint64_t hit_budget)
       : in_(in),
         direct_(in_),
+        sites_(in.texels),
         feedback_(feedback_samples(in, hit_budget)),
         full_(in.settings.samples),
         probe_(kProbeRays * Footprint::kPoints),
         kernels_(kernels()),
         final_gather_(feedback_.size() < full_.size()),
-        needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
+        needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)),
+        coarse_(in.settings.coarse_indirect) {
     if (needs_rays_) hits_.resize(std::size_t(in.texels.size()) * feedback_.size());
   }
 
   std::uint32_t max_passes() const override {
-    return 1 + (needs_rays_ ? 1 + in_.settings.bounces : 0);
+    return needs_rays_ ? first_bounce() + in_.settings.bounces : 1;
   }
 
   double total_work() const override {
-    const double trace = needs_rays_ ? double(feedback_.size()) : 0;
-    const double final = final_gather_ ? double(full_.size()) : 0;
+    if (!needs_rays_) return direct_work();
+    const double trace = trace_work(feedback_) + (coarse_ ? refine_work() : 0);
+    const double final = final_gather_ ? trace_work(full_) : 0;
     return direct_work() + trace + final + kTypicalBounces * look_up_work();
   }
 
@@ -131,13 +135,19 @@ class GatherSolver final : public Solver {
     }
     if (!needs_rays_) return std::nullopt;
     if (done.size() == 1) {
-      pass.name = "trace";
-      pass.work = feedback_.size();
+      pass.name = kTrace;
+      pass.work = trace_work(feedback_);
+      pass.fills_state = true;
+      return pass;
+    }
+    if (done.size() < first_bounce()) {
+      pass.name = kRefine;
+      pass.work = refine_work();
       pass.fills_state = true;
       return pass;
     }
     if (done.back().name == kFinal) return std::nullopt;
-    const auto bounces = static_cast<std::uint32_t>(done.size()) - 2;
+    const std::uint32_t bounces = bounces_in(done);
     const std::uint32_t limit = in_.settings.bounces;
     if (!final_gather_) {
       const bool converged = bounces > 0 && done.back().residual <= in_.settings.tolerance;
@@ -145,7 +155,7 @@ class GatherSolver final : public Solver {
     } else if (bounces + 1 >= limit ||
                (bounces > 1 && tail(done) * done.back().residual <= in_.settings.tolerance)) {
       pass.name = kFinal;
-      pass.work = full_.size();
+      pass.work = trace_work(full_);
       return pass;
     }
     pass.name = "bounce";
@@ -156,15 +166,27 @@ class GatherSolver final : public Solver {
 
   void begin(const Pass& pass, const Lightmap& before) override;
 
-  std::uint64_t run(const Pass& pass, const Lightmap&, TexelRange range, Lightmap& after) override {
+  std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
+                    Lightmap& after) override {
     if (pass.name == "direct") return direct_.run(range, after.direct);
-    if (pass.name == "trace") return trace(range, after);
+    if (pass.name == kTrace) return trace(range, after);
+    if (pass.name == kRefine) return refine(range, before, after);
     if (pass.name == kFinal) return gather(range, after);
-    for (std::uint32_t t = range.begin; t < range.end; ++t) {
-      const std::uint32_t n = feedback_.size();
-      after.indirect[t] = look_up({hits_.data() + std::size_t(t) * n, n});
-    }
+    for (std::uint32_t t = range.begin; t < range.end; ++t)
+      if (gathers(t)) after.indirect[t] = look_up(hits_of(t));
     return 0;
+  }
+
+  void finish(const Pass& pass, const Lightmap&, Lightmap& after) override {
+    if (pass.name == "direct" || !coarse_) return;
+    for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
+      // What the sites were compared by is no bounce yet.
+      if (pass.name == kRefine) after.indirect[t] = {};
+      if (gathers(t)) continue;
+      const CoarseSites::Sites sites = sites_.around(t);
+      interpolate(sites, after.sky, t);
+      if (pass.name != kRefine) interpolate(sites, after.indirect, t);
+    }
   }
 
   std::span<std::byte> state() override { return std::as_writable_bytes(std::span(hits_)); }
@@ -173,14 +195,25 @@ class GatherSolver final : public Solver {
                      Lightmap& last) const override;
 
  private:
+  static constexpr const char* kTrace = "trace";
+  static constexpr const char* kRefine = "refine";
   static constexpr const char* kFinal = "final gather";
+
+  /// Passes before the first bounce.
+  std::uint32_t first_bounce() const { return coarse_ ? 3 : 2; }
+  std::uint32_t bounces_in(std::span<const proto::PassReport> done) const {
+    return static_cast<std::uint32_t>(done.size()) - first_bounce();
+  }
 
   double direct_work() const {
     return double(in_.lights.area().empty() ? 0 : in_.settings.direct_samples) +
            double(in_.lights.punctual().size() * Footprint::kPoints);
   }
+  /// Every fourth texel is a site, and charts are edged by texels without sites around them.
+  double trace_work(const DirectionSet& set) const { return set.size() * (coarse_ ? 0.35 : 1); }
+  double refine_work() const { return feedback_.size() * 0.1; }
   /// A look-up costs about a fortieth of a ray.
-  double look_up_work() const { return double(feedback_.size()) / 40; }
+  double look_up_work() const { return trace_work(feedback_) / 40; }
 
   void find_repairs(const Lightmap&);
 
@@ -197,7 +230,7 @@ class GatherSolver final : public Solver {
   /// update: they form a geometric series whose ratio the last two updates tell.
   double tail(std::span<const proto::PassReport> done) const {
     const auto update = [](const proto::PassReport& p) { return p.residual * p.mean_lx; };
-    const std::uint32_t left = in_.settings.bounces - (std::uint32_t(done.size()) - 2);
+    const std::uint32_t left = in_.settings.bounces - bounces_in(done);
     const double ratio = update(done.back()) / update(done[done.size() - 2]);
     if (!(ratio > 0) || !(ratio < 1)) return 0;
     return ratio * (1 - std::pow(ratio, left)) / (1 - ratio);
@@ -236,34 +269,75 @@ class GatherSolver final : public Solver {
     return in_.scene.sky * (kPi * float(open) / float(hits.size()));
   }
 
-  std::uint64_t trace(TexelRange range, Lightmap& after) {
+  std::span<std::uint32_t> hits_of(std::uint32_t texel) {
     const std::uint32_t n = feedback_.size();
-    for (std::uint32_t t = range.begin; t < range.end; ++t) {
-      const std::span<std::uint32_t> hits{hits_.data() + std::size_t(t) * n, n};
-      after.validity[t] = visible_share(t, feedback_, hits);
-      after.sky[t] = sky_light(hits);
-    }
-    return std::uint64_t(n) * range.size();
+    return {hits_.data() + std::size_t(texel) * n, n};
+  }
+  /// Whether the texel has hits of its own; otherwise it is interpolated.
+  bool gathers(std::uint32_t texel) { return hits_of(texel).front() != kHitNone; }
+
+  void trace_texel(std::uint32_t t, Lightmap& after) {
+    const std::span<std::uint32_t> hits = hits_of(t);
+    after.validity[t] = visible_share(t, feedback_, hits);
+    after.sky[t] = sky_light(hits);
   }
 
-  std::uint64_t gather(TexelRange range, Lightmap& after) const {
-    std::vector<std::uint32_t> hits(full_.size());
+  std::uint64_t trace(TexelRange range, Lightmap& after) {
+    std::uint64_t traced = 0;
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      if (coarse_ && sites_.around(t).count > 0) {
+        hits_of(t).front() = kHitNone;
+        continue;
+      }
+      trace_texel(t, after);
+      // The first bounce of direct light, for refine() to compare the sites by.
+      if (coarse_) after.indirect[t] = look_up(hits_of(t));
+      ++traced;
+    }
+    return traced * feedback_.size();
+  }
+
+  /// Traces the texels whose sites do not agree.
+  std::uint64_t refine(TexelRange range, const Lightmap& before, Lightmap& after) {
+    std::uint64_t traced = 0;
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      const CoarseSites::Sites sites = sites_.around(t);
+      if (sites.count == 0 || sites_.agree(sites, before)) continue;
+      trace_texel(t, after);
+      ++traced;
+    }
+    return traced * feedback_.size();
+  }
+
+  std::uint64_t gather(TexelRange range, Lightmap& after) {
+    std::vector<std::uint32_t> hits(full_.size());
+    std::uint64_t traced = 0;
+    for (std::uint32_t t = range.begin; t < range.end; ++t) {
+      if (!gathers(t)) continue;
       follow(t, full_, hits);
       after.sky[t] = sky_light(hits);
       after.indirect[t] = in_.settings.bounces > 0 ? look_up(hits) : Rgb{};
+      ++traced;
     }
-    return std::uint64_t(full_.size()) * range.size();
+    return traced * full_.size();
+  }
+
+  static void interpolate(const CoarseSites::Sites& sites, std::vector<Rgb>& plane,
+                          std::uint32_t texel) {
+    Rgb sum;
+    for (const std::uint32_t s : sites.all()) sum += plane[s];
+    plane[texel] = sum * (1 / float(sites.count));
   }
 
   const SolverInput in_;
   DirectLight direct_;
+  const CoarseSites sites_;
   DirectionSet feedback_, full_, probe_;
   const Kernels& kernels_;
-  bool final_gather_, needs_rays_;
-  std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel
+  bool final_gather_, needs_rays_, coarse_;
+  std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel; kHitNone: interpolated
   std::vector<Repair> repairs_;
-  bool knows_repairs_ = false;        ///< from the first pass after `trace` on
+  bool knows_repairs_ = false;        ///< from the first bounce on
   std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
 };
 
@@ -286,9 +360,12 @@ void GatherSolver::find_repairs(const Lightmap& light) {
 }
 
 void GatherSolver::begin(const Pass& pass, const Lightmap& before) {
-  if (pass.name == "direct" || pass.name == "trace") return;
-  if (!knows_repairs_) find_repairs(before);
-  knows_repairs_ = true;
+  if (pass.name == "direct" || pass.name == kRefine) return;
+  if (pass.name == kTrace && !coarse_) return;
+  if (pass.name != kTrace && !knows_repairs_) {
+    find_repairs(before);
+    knows_repairs_ = true;
+  }
   radiosity_.resize(in_.texels.size());
   for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
     // E is the mean over the footprint; rays from outside meet its visible part only.
@@ -355,8 +432,8 @@ PointCensus GatherSolver::follow(std::uint32_t texel, const DirectionSet& set,
 
 double GatherSolver::extrapolate(std::span<const proto::PassReport> done,
                                  const Lightmap& before_last, Lightmap& last) const {
-  const std::size_t bounces = done.size() - 2;
-  if (final_gather_ || done.size() < 4 || bounces == in_.settings.bounces) return 0;
+  if (final_gather_ || done.size() < first_bounce() + 2) return 0;
+  if (bounces_in(done) == in_.settings.bounces) return 0;
   const double scale = tail(done);
   for (std::uint32_t t = 0; t < last.size(); ++t)
     last.indirect[t] += (last.indirect[t] - before_last.indirect[t]) * float(scale);

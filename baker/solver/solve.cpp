@@ -79,6 +79,7 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     });
     if (!whole && enough()) break;
     if (!whole) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+    solver.finish(*pass, *before, *after);
 
     const Change change = measure(texels, *before, *after);
     if (!change.finite)

