@@ -189,7 +189,8 @@ void check_overlaps(const Scene& scene, std::uint32_t texels, std::stop_token st
   }
   if (layouts == 0) return;
   tested.clear();
-  const auto side = std::uint32_t(std::sqrt(double(kCellBudget / layouts)));
+  const std::uint64_t cells = kCellBudget / layouts;
+  const auto side = std::uint32_t(std::sqrt(double(cells)));
   const std::uint32_t size = std::clamp(std::min(side, 2 * texels), 64u, 4096u);
   OverlapGrid grid;
   for (std::uint32_t i = 0; i < results.size() && !stop.stop_requested(); ++i) {
@@ -201,6 +202,7 @@ void check_overlaps(const Scene& scene, std::uint32_t texels, std::stop_token st
     if (lay_out(scene, scene.instances[i], grid, size, stop, &where)) continue;
     results[i] = invalid(scene.triangle_part[where], "faces overlap in TEXCOORD_1");
   }
+  if (stop.stop_requested()) return;                  // not all have been tested
   for (std::size_t i = 0; i < results.size(); ++i) {  // the verdict holds for the mesh's others
     if (!results[i].valid) continue;
     const std::uint32_t first = tested.at(scene.instances[i].mesh);

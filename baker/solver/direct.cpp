@@ -170,7 +170,7 @@ class FewLights {
       const float packets = samples / Footprint::kPoints * (share_[l] / total);
       if (lights[l].is_uniform() && packets >= kLampPackets) {
         const float e =
-            lamp_.irradiance(lights[l], views_[l], at, frames, std::uint32_t(packets + 0.5f),
+            lamp_.irradiance(lights[l], views_[l], at, frames, std::uint32_t(std::lround(packets)),
                              hash(seed, std::uint32_t(l)), traced_);
         sum += lights[l].radiance * e;
         share_[l] = 0;

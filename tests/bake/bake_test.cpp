@@ -86,6 +86,26 @@ TEST(Bake, StopsWithinASecondAndSaysSo) {
   EXPECT_FALSE(fs::exists(in.output_dir / "manifest.json"));
 }
 
+TEST(Bake, MayBeStoppedAtAnyMoment) {
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "cornell", 1024);
+  in.settings.solver.samples = 1;
+  in.settings.solver.direct_samples = 1;
+  ThreadPool pool(2);
+  for (int k = 0; k < 40; ++k) {
+    std::stop_source stop;
+    const std::jthread canceller([&] {
+      std::this_thread::sleep_for(k * 3ms * kiln::test::kSlowdown);
+      stop.request_stop();
+    });
+    BakeObserver quiet;
+    const auto manifest = bake(in, pool, stop.get_token(), quiet);
+    if (!manifest) {
+      EXPECT_EQ(manifest.error().code, proto::kCanceledCode) << k;
+    }
+  }
+}
+
 TEST(Bake, SceneWithoutLightIsAnErrorUnlessAllowed) {
   const TempFolder folder;
   BakeInput in = input_for(folder, "sphere_on_plane", 64);
