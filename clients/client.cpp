@@ -25,6 +25,9 @@ std::string random_boundary() {
 proto::Expected<MultipartBody> body_of(const Submission& s) {
   MultipartBody body(random_boundary());
   if (!s.settings_json.empty()) body.add_text("settings", "application/json", s.settings_json);
+  json options = proto::to_json(s.options);
+  if (!s.options.ttl_seconds) options.erase("ttl_seconds");  // the service's default
+  body.add_text("options", "application/json", proto::to_text(options));
   if (auto ok = body.add_file("scene", s.scene.filename().string(), s.scene); !ok)
     return proto::Unexpected(std::move(ok.error()));
   for (const auto& [name, path] : s.side)
@@ -116,11 +119,20 @@ proto::Expected<std::vector<proto::JobSummary>> Client::jobs() {
   return impl_->get("/jobs?limit=50").and_then(proto::job_list_from_json);
 }
 
-proto::Expected<proto::JobSummary> Client::cancel(const std::string& id) {
+proto::Expected<proto::JobSummary> Client::Impl::act(const std::string& id,
+                                                     const std::string& action, const json& body) {
   if (auto ok = check_job_id(id); !ok) return proto::Unexpected(std::move(ok.error()));
-  return impl_
-      ->document(impl_->http.Post(impl_->path("/jobs/" + id + "/cancel"), "", "application/json"))
+  return document(http.Post(path("/jobs/" + id + "/" + action), proto::to_text(body),
+                            "application/json"))
       .and_then(proto::job_summary_from_json);
+}
+
+proto::Expected<proto::JobSummary> Client::cancel(const std::string& id, bool keep_light) {
+  return impl_->act(id, "cancel", {{"mode", keep_light ? "drain" : "now"}});
+}
+
+proto::Expected<proto::JobSummary> Client::retry(const std::string& id, bool from_start) {
+  return impl_->act(id, "retry", {{"from", from_start ? "start" : "checkpoint"}});
 }
 
 }  // namespace kiln::clients

@@ -23,6 +23,7 @@ struct Submission {
   std::filesystem::path scene;
   std::map<std::string, std::filesystem::path> side;  ///< by the name that the glTF uses
   std::string settings_json;                          ///< "" for the service's defaults
+  proto::JobOptions options;
 };
 
 /// How a lost event stream is taken up again.
@@ -48,7 +49,10 @@ class Client {
   proto::Expected<proto::JobSummary> submit(const Submission&);
   proto::Expected<proto::JobSummary> job(const std::string& id);
   proto::Expected<std::vector<proto::JobSummary>> jobs();  ///< newest first, at most 50
-  proto::Expected<proto::JobSummary> cancel(const std::string& id);
+  /// `keep_light`: the passes that are done become the result.
+  proto::Expected<proto::JobSummary> cancel(const std::string& id, bool keep_light = false);
+  /// Runs a job that failed or was canceled again, from its last checkpoint or from the start.
+  proto::Expected<proto::JobSummary> retry(const std::string& id, bool from_start = false);
 
   /// Follows a job's events from the one after `after` until `job.end`, over as many connections as
   /// it takes, or until the handler returns false.

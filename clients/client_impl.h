@@ -24,6 +24,9 @@ struct Client::Impl {
   /// The body of a 2xx answer as JSON; the service's problem otherwise.
   proto::Expected<nlohmann::json> document(const httplib::Result&) const;
   proto::Expected<nlohmann::json> get(const std::string& below);
+  /// POST /v1/jobs/{id}/{action}.
+  proto::Expected<proto::JobSummary> act(const std::string& id, const std::string& action,
+                                         const nlohmann::json& body);
 };
 
 /// What a non-2xx answer says.

@@ -10,15 +10,25 @@
 namespace kiln::cli {
 namespace {
 
-struct CancelFlags {
+struct ActionFlags {
   std::string id;
+  bool keep = false, from_start = false;
   RemoteFlags remote;
 };
 
-int run_cancel(const CancelFlags& flags) {
+int run_cancel(const ActionFlags& flags) {
   const auto client = flags.remote.client();
   if (!client) return report(client.error());
-  const auto job = (*client)->cancel(flags.id);
+  const auto job = (*client)->cancel(flags.id, flags.keep);
+  if (!job) return report(job.error());
+  std::puts(proto::to_string(job->state));
+  return kDone;
+}
+
+int run_retry(const ActionFlags& flags) {
+  const auto client = flags.remote.client();
+  if (!client) return report(client.error());
+  const auto job = (*client)->retry(flags.id, flags.from_start);
   if (!job) return report(job.error());
   std::puts(proto::to_string(job->state));
   return kDone;
@@ -27,12 +37,24 @@ int run_cancel(const CancelFlags& flags) {
 }  // namespace
 
 void add_cancel(CLI::App& app, Run& run) {
-  auto flags = std::make_shared<CancelFlags>();
+  auto flags = std::make_shared<ActionFlags>();
   auto* command = app.add_subcommand("cancel", "Stop a job");
   command->add_option("id", flags->id, "The job")->required()->type_name("ID");
+  command->add_flag("--keep", flags->keep, "Make a result of the passes that are done");
   flags->remote.add_server(*command);
   command->footer("Prints the job's state. A job that has ended stays as it is.");
   command->callback([flags, &run] { run = [flags] { return run_cancel(*flags); }; });
+}
+
+void add_retry(CLI::App& app, Run& run) {
+  auto flags = std::make_shared<ActionFlags>();
+  auto* command = app.add_subcommand("retry", "Run a job again that failed or was canceled");
+  command->add_option("id", flags->id, "The job")->required()->type_name("ID");
+  command->add_flag("--from-start", flags->from_start,
+                    "Make all passes again, instead of going on after the last one");
+  flags->remote.add_server(*command);
+  command->footer("Prints the job's state; `lightkiln watch` shows how it goes.");
+  command->callback([flags, &run] { run = [flags] { return run_retry(*flags); }; });
 }
 
 }  // namespace kiln::cli

@@ -18,6 +18,7 @@ void add_submit(CLI::App&, Run&);
 void add_status(CLI::App&, Run&);
 void add_watch(CLI::App&, Run&);
 void add_cancel(CLI::App&, Run&);
+void add_retry(CLI::App&, Run&);
 void add_fetch(CLI::App&, Run&);
 void add_compare(CLI::App&, Run&);
 void add_scene(CLI::App&, Run&);

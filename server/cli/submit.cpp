@@ -1,6 +1,8 @@
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <cstdio>
 #include <memory>
+#include <optional>
 
 #include "server/cli/commands.h"
 #include "server/cli/remote.h"
@@ -15,16 +17,37 @@ struct SubmitFlags {
   SceneInput scene;
   std::string out;
   SettingsInput settings;
+  std::int32_t priority = 0;
+  std::vector<std::string> labels;
+  std::optional<std::uint64_t> ttl_seconds;
+  bool bake_again = false;
   RemoteFlags remote;
   bool wait = false;
 };
+
+proto::Expected<proto::JobOptions> options_of(const SubmitFlags& flags) {
+  proto::JobOptions options;
+  options.priority = flags.priority;
+  options.ttl_seconds = flags.ttl_seconds;
+  options.dedupe = !flags.bake_again;
+  for (const auto& label : flags.labels) {
+    const auto equals = label.find('=');
+    if (equals == std::string::npos)
+      return proto::fail("invalid_request", "a label is NAME=VALUE, not \"" + label + "\"");
+    options.labels[label.substr(0, equals)] = label.substr(equals + 1);
+  }
+  return options;
+}
 
 proto::Expected<clients::Submission> submission_of(const SubmitFlags& flags) {
   auto settings = flags.settings.document();
   if (!settings) return proto::Unexpected(std::move(settings.error()));
   auto side = flags.scene.side_files();
   if (!side) return proto::Unexpected(std::move(side.error()));
-  return clients::Submission{flags.scene.path, std::move(*side), std::move(*settings)};
+  auto options = options_of(flags);
+  if (!options) return proto::Unexpected(std::move(options.error()));
+  return clients::Submission{flags.scene.path, std::move(*side), std::move(*settings),
+                             std::move(*options)};
 }
 
 int run_submit(const SubmitFlags& flags) {
@@ -54,6 +77,20 @@ void add_submit(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("submit", "Send a scene to a service");
   flags->scene.add_flags(*command);
   flags->settings.add_flags(*command);
+  constexpr int kMax = proto::JobOptions::kMaxPriority;
+  command->add_option("--priority", flags->priority, "Higher runs first, from -100 to 100")
+      ->check(CLI::Range(-kMax, kMax))
+      ->type_name("N")
+      ->capture_default_str();
+  command->add_option("--label", flags->labels, "To find the job by; may be given many times")
+      ->type_name("NAME=VALUE")
+      ->take_all();
+  command
+      ->add_option("--ttl-seconds", flags->ttl_seconds,
+                   "Delete the job so long after its end; 0: never\n[as the service is set]")
+      ->type_name("N");
+  command->add_flag("--bake-again", flags->bake_again,
+                    "Bake even if the service has the result of the same bake");
   auto* wait = command->add_flag("--wait", flags->wait, "Show progress until the job ends");
   command->add_option("-o,--out", flags->out, "Then download the results into this folder")
       ->needs(wait)

@@ -66,7 +66,8 @@ TEST(Client, SubmitSendsEveryPartAsItIs) {
   Client client(service.url());
   const auto job = client.submit({dir.write("room.gltf", bytes),
                                   {{"tex/wood.png", dir.write("w", "wood")}},
-                                  R"({"solver":{"samples":4}})"});
+                                  R"({"solver":{"samples":4}})",
+                                  {7, {{"a", "b"}}, std::nullopt, false}});
   ASSERT_TRUE(job) << job.error().message;
   EXPECT_EQ(job->id, kId);
   ASSERT_EQ(parts.count("scene"), 1u);
@@ -74,6 +75,8 @@ TEST(Client, SubmitSendsEveryPartAsItIs) {
   EXPECT_EQ(parts.find("scene")->second.filename, "room.gltf");
   EXPECT_EQ(parts.find("file")->second.filename, "tex/wood.png");
   EXPECT_EQ(parts.find("settings")->second.content, R"({"solver":{"samples":4}})");
+  EXPECT_EQ(parts.find("options")->second.content,
+            R"({"dedupe":false,"labels":{"a":"b"},"priority":7})");
 }
 
 TEST(Client, TheServicesProblemsComeThrough) {

@@ -77,7 +77,7 @@ TEST_F(Bakes, ADownloadIsResumedByRange) {
 TEST_F(Bakes, OurClientSubmitsFollowsAndFetches) {
   clients::Client client(clients::parse_server_url(program.url()).value());
   const auto scene = write_small_scene(folder.path());
-  const auto job = client.submit({scene, {}, R"({"solver":{"samples":16}})"});
+  const auto job = client.submit({scene, {}, R"({"solver":{"samples":16}})", {}});
   ASSERT_TRUE(job) << job.error().message;
   std::vector<std::string> types;
   std::uint64_t last = 0;

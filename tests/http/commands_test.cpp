@@ -5,6 +5,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "event_stream.h"
 #include "program.h"
 
 /// The commands that talk to a service, against a real one.
@@ -53,6 +54,35 @@ TEST_F(Commands, SubmitWatchStatusAndFetch) {
   EXPECT_EQ(run("fetch " + id + " -o " + again).code, 0);
   for (const char* name : {"/page_00.exr", "/page_00.png", "/lit.glb"})
     EXPECT_EQ(digest(std::string("a") + name), digest(std::string("b") + name)) << name;
+}
+
+TEST_F(Commands, OptionsRetryAndCancelWithAResult) {
+  const std::string set = " --set solver.samples=16";
+  EXPECT_EQ(run("submit " + scene + set + " --wait -q").code, 0);
+  const std::string twin = run("submit " + scene + set + " --label team=art --priority 5").text;
+  EXPECT_EQ(member(ask(program.port(), "GET", "/v1/jobs/" + twin).body, "cached"), "true");
+  EXPECT_NE(ask(program.port(), "GET", "/v1/jobs?label=team:art").body.find(twin),
+            std::string::npos);
+  EXPECT_EQ(run("retry " + twin).code, 1) << "it succeeded";
+  const std::string baked = run("submit " + scene + set + " --bake-again --ttl-seconds 60").text;
+  const Answer job = ask(program.port(), "GET", "/v1/jobs/" + baked + "?wait=60");
+  EXPECT_EQ(member(job.body, "cached"), "false");
+  EXPECT_EQ(member(job.body, "ttl_seconds"), "60");
+  EXPECT_EQ(run("submit " + scene + " --label team").code, 2);
+
+  const auto cornell = write_scene(folder.path(), "cornell").string();
+  const std::string id = run("submit " + cornell + " --set solver.method=path --set " +
+                             "solver.samples=4096 --set atlas.page_size=64")
+                             .text;
+  EventStream stream(program.port(), id);
+  ASSERT_TRUE(stream.wait_for("pass.completed"));
+  EXPECT_EQ(run("cancel --keep " + id).text, "canceling");
+  ASSERT_TRUE(stream.wait_for("job.end"));
+  EXPECT_EQ(run("fetch " + id + " -o " + (folder.path() / "kept").string()).code, 0);
+  EXPECT_TRUE(std::filesystem::exists(folder.path() / "kept" / "page_00.exr"));
+  EXPECT_EQ(run("retry " + id).text, "queued");
+  EXPECT_TRUE(program.logged("\"event\":\"job.resumed\"")) << "from the pass that was kept";
+  EXPECT_EQ(run("cancel " + id).code, 0);
 }
 
 TEST_F(Commands, CancelEndsAJobThatWatchCallsFailed) {
