@@ -2,9 +2,12 @@
 
 #include <array>
 #include <bit>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <new>
 #include <numeric>
 #include <vector>
 
@@ -92,6 +95,26 @@ struct Repair {
   std::array<std::uint32_t, 8> neighbour{};
 };
 
+/// Zeroed words whose pages the system gives when they are first written, which is in the batches,
+/// where a cancel is seen: clearing a gigabyte at once takes a second.
+class LazyWords {
+ public:
+  LazyWords() = default;
+  explicit LazyWords(std::size_t count)
+      : words_(static_cast<std::uint32_t*>(std::calloc(count, sizeof(std::uint32_t)))),
+        count_(count) {
+    if (count > 0 && !words_) throw std::bad_alloc();
+  }
+  std::span<std::uint32_t> all() { return {words_.get(), count_}; }
+
+ private:
+  struct Free {
+    void operator()(std::uint32_t* p) const { std::free(p); }
+  };
+  std::unique_ptr<std::uint32_t, Free> words_;
+  std::size_t count_ = 0;
+};
+
 void set_plane(const float (&from)[3][16], float (&x)[16], float (&y)[16], float (&z)[16]) {
   std::memcpy(x, from[0], sizeof x);
   std::memcpy(y, from[1], sizeof y);
@@ -111,7 +134,7 @@ class GatherSolver final : public Solver {
         final_gather_(feedback_.size() < full_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)),
         coarse_(in.settings.coarse_indirect) {
-    if (needs_rays_) hits_.resize(std::size_t(in.texels.size()) * feedback_.size());
+    if (needs_rays_) hits_ = LazyWords(std::size_t(in.texels.size()) * feedback_.size());
   }
 
   std::uint32_t max_passes() const override {
@@ -189,7 +212,7 @@ class GatherSolver final : public Solver {
     }
   }
 
-  std::span<std::byte> state() override { return std::as_writable_bytes(std::span(hits_)); }
+  std::span<std::byte> state() override { return std::as_writable_bytes(hits_.all()); }
 
   double extrapolate(std::span<const proto::PassReport> done, const Lightmap& before_last,
                      Lightmap& last) const override;
@@ -270,8 +293,8 @@ class GatherSolver final : public Solver {
   }
 
   std::span<std::uint32_t> hits_of(std::uint32_t texel) {
-    const std::uint32_t n = feedback_.size();
-    return {hits_.data() + std::size_t(texel) * n, n};
+    const std::size_t n = feedback_.size();
+    return hits_.all().subspan(texel * n, n);
   }
   /// Whether the texel has hits of its own; otherwise it is interpolated.
   bool gathers(std::uint32_t texel) { return hits_of(texel).front() != kHitNone; }
@@ -335,7 +358,7 @@ class GatherSolver final : public Solver {
   DirectionSet feedback_, full_, probe_;
   const Kernels& kernels_;
   bool final_gather_, needs_rays_, coarse_;
-  std::vector<std::uint32_t> hits_;  ///< feedback_.size() per texel; kHitNone: interpolated
+  LazyWords hits_;  ///< feedback_.size() per texel; kHitNone: interpolated
   std::vector<Repair> repairs_;
   bool knows_repairs_ = false;        ///< from the first bounce on
   std::vector<Radiosity> radiosity_;  ///< B of the pass before, lx
