@@ -1,5 +1,4 @@
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
+#include <png.h>
 
 #include "baker/output/lit_page.h"
 #include "output/lit_scene.h"
@@ -23,14 +22,13 @@ std::string base64(const std::string& bytes) {
 
 /// Pixels of an 8-bit RGB PNG.
 std::vector<std::array<std::uint8_t, 3>> decode_png(const std::string& png) {
-  auto in = OIIO::ImageInput::create("png");
-  OIIO::Filesystem::IOMemReader bytes(const_cast<char*>(png.data()), png.size());
-  if (!in || !in->set_ioproxy(&bytes)) throw std::runtime_error("no PNG reader");
-  OIIO::ImageSpec spec;
-  if (!in->open("page.png", spec) || spec.nchannels != 3)
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  if (png_image_begin_read_from_memory(&image, png.data(), png.size()) == 0 ||
+      image.format != PNG_FORMAT_RGB)
     throw std::runtime_error("not such a PNG");
-  std::vector<std::array<std::uint8_t, 3>> out(std::size_t(spec.width) * std::size_t(spec.height));
-  if (!in->read_image(0, 0, 0, 3, OIIO::TypeDesc::UINT8, out.data()))
+  std::vector<std::array<std::uint8_t, 3>> out(std::size_t(image.width) * image.height);
+  if (png_image_finish_read(&image, nullptr, out.data(), 0, nullptr) == 0)
     throw std::runtime_error("broken PNG");
   return out;
 }
