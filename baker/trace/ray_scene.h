@@ -11,11 +11,12 @@ namespace kiln::baker {
 
 inline constexpr std::uint32_t kNoHit = 0xffffffffu;
 
-/// Sixteen rays, structure of arrays.
+/// Sixteen rays, structure of arrays. Finite in all lanes, active or not (t_far may be infinite):
+/// Debian's Embree asserts that, except on AVX-512.
 struct alignas(64) RayPacket {
-  float org_x[16], org_y[16], org_z[16];
-  float dir_x[16], dir_y[16], dir_z[16];
-  float t_far[16];
+  float org_x[16]{}, org_y[16]{}, org_z[16]{};
+  float dir_x[16]{}, dir_y[16]{}, dir_z[16]{};
+  float t_far[16]{};
   std::uint32_t active = 0;  ///< bit i: ray i is traced
 
   void activate_first(std::uint32_t count) { active = (1u << count) - 1; }
