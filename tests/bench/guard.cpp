@@ -1,0 +1,132 @@
+// Fixed work for counting instructions: see the script `guard`. One thread, no clock. Each piece of
+// work leaves a dump of callgrind's, and prints its name, how many items it did, and what they are.
+#include <dlfcn.h>
+#include <embree3/rtcore.h>
+#include <valgrind/callgrind.h>
+
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+
+#include "baker/solver/solve.h"
+#include "tests/bench/kernel_input.h"
+#include "tests/bench/ready_scene.h"
+
+namespace {
+
+using Intersect = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRayHit16*);
+using Occluded = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRay16*);
+const auto intersect = reinterpret_cast<Intersect>(dlsym(RTLD_NEXT, "rtcIntersect16"));
+const auto occluded = reinterpret_cast<Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16"));
+
+}  // namespace
+
+// The names that the product's calls are linked to, before Embree's own: what goes on in there is
+// not counted.
+void rtcIntersect16(const int* valid, RTCScene scene, RTCIntersectContext* context,
+                    RTCRayHit16* query) {
+  CALLGRIND_TOGGLE_COLLECT;
+  intersect(valid, scene, context, query);
+  CALLGRIND_TOGGLE_COLLECT;
+}
+void rtcOccluded16(const int* valid, RTCScene scene, RTCIntersectContext* context,
+                   RTCRay16* query) {
+  CALLGRIND_TOGGLE_COLLECT;
+  occluded(valid, scene, context, query);
+  CALLGRIND_TOGGLE_COLLECT;
+}
+
+namespace kiln::bench {
+namespace {
+
+template <class Work>
+void count(const std::string& name, const char* item, Work work) {
+  CALLGRIND_START_INSTRUMENTATION;
+  CALLGRIND_ZERO_STATS;
+  CALLGRIND_TOGGLE_COLLECT;
+  const std::uint64_t items = work();
+  CALLGRIND_TOGGLE_COLLECT;
+  CALLGRIND_DUMP_STATS_AT(name.c_str());
+  CALLGRIND_STOP_INSTRUMENTATION;
+  std::printf("%s %llu %s\n", name.c_str(), static_cast<unsigned long long>(items), item);
+}
+
+void count_kernels(baker::InstructionSet set) {
+  constexpr std::uint32_t kPackets = 256;
+  const KernelInput in;
+  const baker::Kernels& k = baker::kernels(set);
+  const auto each = [&](const char* name, auto once) {
+    count(name + std::string("_") + k.name, "lane", [&] {
+      for (std::uint32_t p = 0; p < kPackets; ++p) once(p);
+      return std::uint64_t(16 * kPackets);
+    });
+  };
+  baker::Directions directions;
+  each("directions", [&](std::uint32_t p) { in.directions(k, p, directions); });
+  baker::LightView view;
+  each("view_light", [&](std::uint32_t) { k.view_light(in.lamp, in.frames, view); });
+  baker::LightRays rays;
+  each("sample_light", [&](std::uint32_t p) { in.sample_light(k, p, rays); });
+  std::array<std::uint32_t, 16> texels;
+  each("look_up", [&](std::uint32_t p) { in.look_up(k, p, texels); });
+}
+
+/// All passes, as solve() makes them, in this thread.
+/// @param stride takes every n-th batch only
+/// @return rays
+std::uint64_t make_passes(const baker::SolverInput& in, std::uint32_t stride) {
+  const auto solver = make_solver(in);
+  baker::Lightmap before(in.texels.size());
+  std::vector<proto::PassReport> done;
+  std::uint64_t rays = 0;
+  while (const auto pass = solver->next(done)) {
+    baker::Lightmap after = before;
+    solver->begin(*pass, before);
+    proto::PassReport report;
+    for (std::uint32_t first = 0; first < in.texels.size(); first += stride * pass->batch_texels) {
+      const std::uint32_t end = std::min(first + pass->batch_texels, in.texels.size());
+      report.rays += solver->run(*pass, before, {first, end}, after);
+    }
+    solver->finish(*pass, before, after);
+    report.name = pass->name;
+    report.index = pass->index;
+    report.residual = 1;  // never converged: all the bounces
+    rays += report.rays;
+    done.push_back(report);
+    before = std::move(after);
+  }
+  return rays;
+}
+
+void count_solves() {
+  const ReadyScene ready("cornell", 0, 128);
+  proto::SolverSettings settings;
+  settings.bounces = 4;
+  settings.samples = 32;
+  settings.direct_samples = 16;
+  count("gather", "ray", [&] { return make_passes(ready.input(settings), 1); });
+  settings.method = proto::Method::kPath;
+  settings.samples = 1;
+  count("path", "ray", [&] { return make_passes(ready.input(settings), 8); });
+}
+
+}  // namespace
+}  // namespace kiln::bench
+
+int main() {
+  using namespace kiln;
+  if (!intersect || !occluded) {
+    std::fprintf(stderr, "guard: Embree's functions are missing\n");
+    return 1;
+  }
+  try {
+    std::printf("# %s\n", baker::kernels().name);
+    if (baker::best_instruction_set() < baker::InstructionSet::kAvx2) return 0;
+    bench::count_kernels(baker::InstructionSet::kSse2);
+    bench::count_kernels(baker::InstructionSet::kAvx2);
+    bench::count_solves();
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "guard: %s\n", e.what());
+    return 1;
+  }
+}

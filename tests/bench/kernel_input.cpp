@@ -1,0 +1,62 @@
+#include "tests/bench/kernel_input.h"
+
+#include <numeric>
+
+#include "baker/solver/sampling.h"
+#include "baker/solver/sobol.h"
+
+namespace kiln::bench {
+
+using baker::hash;
+
+KernelInput::KernelInput() : cells_(std::size_t(kPage) * kPage) {
+  const baker::Frame up({0, 1, 0});
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    const baker::Vec2 at = baker::scrambled(baker::sobol(i), 7);
+    const baker::Vec3 p{0.1f * at.x, 0, 0.1f * at.y};
+    for (int k = 0; k < 3; ++k) {
+      frames.position[k][i] = frames.origin[k][i] = p[k];
+      frames.tangent_x[k][i] = up.x[k], frames.tangent_y[k][i] = up.y[k];
+      frames.shading_normal[k][i] = frames.geometric_normal[k][i] = up.z[k];
+    }
+  }
+  const float corner[4][3] = {{-1, 2, -1}, {1, 2, -1}, {1, 2, 1}, {-1, 2, 1}};
+  std::copy(&corner[0][0], &corner[0][0] + 12, &lamp.corner[0][0]);
+  lamp.normal[1] = -1;
+  lamp.area_m2 = 4;
+  lamp.corners = 4;
+
+  std::iota(cells_.begin(), cells_.end(), baker::TexelGrid::kWhole);
+  const float whole = float(kPage - 2);
+  triangle_uv_ = {1, 1, whole, 0, 0, whole, 0, 0, 1 + whole, 1 + whole, -whole, 0, 0, -whole};
+  for (std::uint32_t i = 0; i < 16 * kPackets; ++i) {
+    const baker::SobolPoint p = baker::sobol(i);
+    x.push_back(p.x), y.push_back(p.y);
+    const baker::Vec2 u = baker::uniform_triangle(baker::scrambled(p, 3));
+    hit_u_.push_back(u.x), hit_v_.push_back(u.y);
+  }
+}
+
+void KernelInput::directions(const baker::Kernels& k, std::uint32_t packet,
+                             baker::Directions& out) const {
+  const std::uint32_t first = packet % kPackets * 16, seed = hash(packet);
+  k.directions(&x[first], &y[first], seed % 16, seed, hash(seed), frames, out);
+}
+
+void KernelInput::sample_light(const baker::Kernels& k, std::uint32_t packet,
+                               baker::LightRays& out) const {
+  const std::uint32_t first = packet % kPackets * 16, seed = hash(packet);
+  k.sample_light(lamp, &x[first], &y[first], seed % 16, seed, hash(seed), frames, 1e-4f, out);
+}
+
+void KernelInput::look_up(const baker::Kernels& k, std::uint32_t packet,
+                          std::array<std::uint32_t, 16>& texels) const {
+  const std::uint32_t first = packet % kPackets * 16;
+  alignas(64) std::uint32_t triangle[16], back[16] = {};
+  alignas(64) float pick[16];
+  for (std::uint32_t i = 0; i < 16; ++i) triangle[i] = i & 1, pick[i] = (float(i) + 0.5f) / 16;
+  k.look_up({cells_.data(), triangle_uv_.data(), triangle_page_.data(), std::int32_t(kPage)},
+            triangle, &hit_u_[first], &hit_v_[first], back, pick, texels.data());
+}
+
+}  // namespace kiln::bench

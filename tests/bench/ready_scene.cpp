@@ -1,0 +1,36 @@
+#include "tests/bench/ready_scene.h"
+
+#include "baker/scene/generate.h"
+
+namespace kiln::bench {
+namespace {
+
+baker::Scene import_generated(std::string_view generator, std::uint32_t detail) {
+  return must(baker::import_scene(SceneFile(generator, detail).files(), {}));
+}
+
+baker::Atlas lay_out(const baker::Scene& scene, std::uint32_t page_size) {
+  proto::AtlasSettings settings;
+  settings.page_size = page_size;
+  return must(baker::build_atlas(scene, settings));
+}
+
+}  // namespace
+
+SceneFile::SceneFile(std::string_view generator, std::uint32_t detail)
+    : path_(folder_.write("scene.glb", must(baker::generate_glb(generator, detail)))) {}
+
+ReadyScene::ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size)
+    : scene(import_generated(generator, detail)),
+      atlas(lay_out(scene, page_size)),
+      texels(must(baker::rasterise(scene, atlas))),
+      rays(must(baker::RayScene::build(scene))),
+      lights(scene),
+      lookup(scene, atlas, texels) {}
+
+const ReadyScene& ball_at_1024() {
+  static const ReadyScene ready("cornell_geom", 91, 1024);
+  return ready;
+}
+
+}  // namespace kiln::bench

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <memory>
+#include <string_view>
+#include <utility>
+
+#include "baker/atlas/atlas.h"
+#include "baker/atlas/texture_group.h"
+#include "baker/scene/import.h"
+#include "baker/scene/scene.h"
+#include "baker/solver/light_set.h"
+#include "baker/solver/solver.h"
+#include "baker/solver/texel_lookup.h"
+#include "baker/trace/ray_scene.h"
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+#include "tests/support/temp_files.h"
+
+namespace kiln::bench {
+
+/// The value, or an exception with the error's message: a benchmark's input has no excuse.
+template <class T>
+T must(proto::Expected<T> result) {
+  if (!result) throw std::runtime_error(result.error().message);
+  return std::move(*result);
+}
+
+/// A generated scene as a file, as a user would post it.
+class SceneFile {
+ public:
+  explicit SceneFile(std::string_view generator, std::uint32_t detail = 0);
+  baker::SceneFiles files() const { return {path_, {}}; }
+
+ private:
+  test::TempFolder folder_;
+  std::filesystem::path path_;
+};
+
+/// A generated scene after everything that comes before the solver. Its members refer to each
+/// other, so it stays where it is.
+struct ReadyScene {
+  baker::Scene scene;
+  baker::Atlas atlas;
+  baker::TextureGroup texels;
+  baker::RayScene rays;
+  baker::LightSet lights;
+  baker::TexelLookup lookup;
+
+  ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size);
+  ReadyScene(const ReadyScene&) = delete;
+  ReadyScene& operator=(const ReadyScene&) = delete;
+
+  baker::SolverInput input(const proto::SolverSettings& settings) const {
+    return {scene, atlas, texels, rays, lights, lookup, settings};
+  }
+};
+
+/// Cornell box with a ball of 97,572 triangles on a page of 1024: the scene and the density that
+/// tracing rates are quoted for. Made once, kept to the end.
+const ReadyScene& ball_at_1024();
+
+}  // namespace kiln::bench

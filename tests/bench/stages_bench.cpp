@@ -1,0 +1,101 @@
+// The stages around the solver, and the solve on one and two threads.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <chrono>
+#include <numeric>
+
+#include "baker/exec/thread_pool.h"
+#include "baker/output/output.h"
+#include "baker/post/post.h"
+#include "baker/solver/solve.h"
+#include "tests/bench/ready_scene.h"
+
+namespace kiln::bench {
+namespace {
+
+void import(benchmark::State& state, const char* generator) {
+  const SceneFile file(generator);
+  for (auto _ : state) benchmark::DoNotOptimize(must(baker::import_scene(file.files(), {})));
+}
+void build_bvh(benchmark::State& state) {
+  const baker::Scene& scene = ball_at_1024().scene;
+  for (auto _ : state) benchmark::DoNotOptimize(must(baker::RayScene::build(scene)));
+  state.SetItemsProcessed(state.iterations() * std::int64_t(scene.triangles.size()));
+}
+void atlas(benchmark::State& state, proto::Unwrap unwrap) {
+  const baker::Scene& scene = ball_at_1024().scene;
+  proto::AtlasSettings settings;
+  settings.unwrap = unwrap;
+  for (auto _ : state) benchmark::DoNotOptimize(must(baker::build_atlas(scene, settings)));
+  state.SetItemsProcessed(state.iterations() * std::int64_t(scene.triangles.size()));
+}
+void rasterise(benchmark::State& state) {
+  const baker::Scene& scene = ball_at_1024().scene;
+  proto::AtlasSettings settings;
+  settings.page_size = std::uint32_t(state.range(0));
+  const baker::Atlas atlas = must(baker::build_atlas(scene, settings));
+  std::int64_t texels = 0;
+  for (auto _ : state) texels += must(baker::rasterise(scene, atlas)).size();
+  state.SetItemsProcessed(texels);
+}
+
+void write_exr(benchmark::State& state, proto::Precision precision) {
+  const baker::TextureGroup& texels = ball_at_1024().texels;
+  // Positions vary as light does: smoothly, and not at all alike from chart to chart.
+  std::vector<baker::Rgb> values;
+  for (const baker::Vec3& p : texels.position)
+    values.push_back({2 + std::sin(p.x), 2 + std::sin(p.y), 2 + std::sin(p.z)});
+  const baker::PageImage page = baker::compose_page(texels, 0, values, 4);
+  const baker::ExrLayer layer{"irradiance", &page};
+  const test::TempFolder folder;
+  const auto file = folder.path() / "page.exr";
+  for (auto _ : state)
+    if (!baker::write_exr(file, {&layer, 1}, precision, {})) state.SkipWithError("not written");
+  state.SetItemsProcessed(state.iterations() * std::int64_t(page.rgb.size()));
+  state.counters["file_MB"] = double(std::filesystem::file_size(file)) * 1e-6;
+}
+
+double solve_seconds(const ReadyScene& ready, unsigned threads) {
+  baker::ThreadPool pool(threads);
+  const baker::SolverInput input = ready.input({});
+  const auto start = std::chrono::steady_clock::now();
+  const auto solver = make_solver(input);
+  benchmark::DoNotOptimize(must(solve(*solver, ready.texels, pool, {})));
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Wall time of the default solve, one thread and two in turns; means something on an idle machine
+/// only.
+void threads(benchmark::State& state, const char* generator, std::uint32_t page_size) {
+  const ReadyScene ready(generator, 0, page_size);
+  double one = 1e9, two = 1e9;
+  for (auto _ : state) {
+    one = std::min(one, solve_seconds(ready, 1));
+    const double now = solve_seconds(ready, 2);
+    two = std::min(two, now);
+    state.SetIterationTime(now);
+  }
+  state.counters["one_thread_s"] = one;
+  state.counters["two_threads_s"] = two;
+  state.counters["speedup"] = one / two;
+}
+
+constexpr auto kUnit = benchmark::kMillisecond;
+BENCHMARK_CAPTURE(import, cornell, "cornell")->Unit(kUnit);
+BENCHMARK_CAPTURE(import, cornell_geom, "cornell_geom")->Unit(kUnit);
+BENCHMARK_CAPTURE(import, room_textured, "room_textured")->Unit(kUnit);
+BENCHMARK(build_bvh)->Unit(kUnit);
+BENCHMARK_CAPTURE(atlas, existing, proto::Unwrap::kExisting)->Unit(kUnit);
+BENCHMARK_CAPTURE(atlas, unwrap, proto::Unwrap::kAlways)->Unit(kUnit);
+BENCHMARK(rasterise)->ArgName("page")->Arg(256)->Arg(1024)->Unit(kUnit);
+BENCHMARK_CAPTURE(write_exr, half, proto::Precision::kHalf)->Unit(kUnit);
+BENCHMARK_CAPTURE(write_exr, float, proto::Precision::kFloat)->Unit(kUnit);
+BENCHMARK_CAPTURE(threads, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);
+BENCHMARK_CAPTURE(threads, cornell_geom, "cornell_geom", 256)
+    ->Iterations(3)
+    ->UseManualTime()
+    ->Unit(kUnit);
+
+}  // namespace
+}  // namespace kiln::bench
