@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <bit>
 #include <chrono>
+#include <latch>
 #include <limits>
 #include <mutex>
 #include <stdexcept>
@@ -84,12 +86,42 @@ TEST(ThreadPool, JobsTakeTurns) {
   EXPECT_LE(meanwhile, 25);
 }
 
-TEST(ThreadPool, DenormalsAreFlushed) {
-  ThreadPool pool(1);
-  volatile float tiny = std::numeric_limits<float>::min();
-  float half = 1;
-  pool.for_batches(1, {}, [&](std::uint32_t) { half = tiny / 2; });
-  EXPECT_EQ(half, 0.f);
+/// What the calling thread makes of numbers below the normal ones.
+struct Denormals {
+  bool kept_as_result = false, kept_as_operand = false;
+};
+Denormals denormals() {
+  volatile float normal = std::numeric_limits<float>::min();
+  volatile float denormal = std::numeric_limits<float>::denorm_min();
+  const float result = normal / 2, product = denormal * 0x1p60f;  // a normal number, if any
+  // By bits: a comparison too may take a denormal operand for zero.
+  return {std::bit_cast<std::uint32_t>(result) != 0, std::bit_cast<std::uint32_t>(product) != 0};
+}
+
+TEST(ThreadPool, DenormalsAreFlushedOnEveryThread) {
+  constexpr unsigned kThreads = 5;
+  ThreadPool pool(kThreads);
+  std::vector<Denormals> found(kThreads, {true, true});
+  std::latch all(kThreads);  // so that each thread takes one batch
+  pool.for_batches(kThreads, {}, [&](std::uint32_t b) {
+    all.arrive_and_wait();
+    found[b] = denormals();
+  });
+  for (const Denormals& d : found) {
+    EXPECT_FALSE(d.kept_as_result);
+    EXPECT_FALSE(d.kept_as_operand);
+  }
+}
+
+TEST(ThreadPool, DenormalsAreKeptElsewhere) {
+  ThreadPool pool(2);
+  pool.for_batches(8, {}, [](std::uint32_t) { denormals(); });
+  const auto expect_kept = [](const Denormals& d) {
+    EXPECT_TRUE(d.kept_as_result);
+    EXPECT_TRUE(d.kept_as_operand);
+  };
+  expect_kept(denormals());
+  std::thread([&] { expect_kept(denormals()); }).join();  // inherits its maker's state
 }
 
 }  // namespace
