@@ -237,7 +237,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   course.enter("atlas", kImportedAt);
   const auto atlas = build_atlas(*scene, input.settings.atlas, stop);
   if (!atlas) return Unexpected(atlas.error());
-  auto rasterised = rasterise(*scene, *atlas, stop);
+  auto rasterised = rasterise(*scene, *atlas, stop, kMaxBandPieces, &pool);
   if (!rasterised) return Unexpected(rasterised.error());
   const auto texels = std::make_shared<const TextureGroup>(std::move(*rasterised));
   count_texels(*atlas, *texels, manifest.statistics);

@@ -1,10 +1,14 @@
 #include <array>
-#include <optional>
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <mutex>
 
 #include "baker/atlas/band_sweep.h"
-#include "baker/atlas/sample_points.h"
+#include "baker/atlas/texel_filler.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/stop.h"
+#include "baker/exec/thread_pool.h"
 
 namespace kiln::baker {
 namespace {
@@ -12,6 +16,9 @@ namespace {
 using namespace atlas_detail;
 
 constexpr std::uint32_t kPoints = TextureGroup::kPointsPerTexel;
+constexpr std::uint32_t kTexelsPerBatch = 1024;
+/// Pieces that wait to be filled in: enough for many batches, at 16 bytes each.
+constexpr std::size_t kWaitingPieces = std::size_t(1) << 18;
 
 /// Area that has no texel of its own where it lies.
 struct Orphan {
@@ -39,62 +46,45 @@ constexpr std::array<Offset, 25> make_offsets() {
 }
 constexpr auto kNearby = make_offsets();
 
-/// Nearest point of a convex polygon.
-Point closest_point(const Polygon& polygon, Point p) {
-  Point best = polygon.v[0];
-  double best_d2 = INFINITY;
-  bool left = false, right = false;
-  for (int i = 0; i < polygon.n; ++i) {
-    const Point a = polygon.v[i], b = polygon.v[i + 1 < polygon.n ? i + 1 : 0];
-    const double side = cross(a, b, p);
-    (side >= 0 ? left : right) = true;
-    const Point ab{b.x - a.x, b.y - a.y};
-    const double l2 = ab.x * ab.x + ab.y * ab.y;
-    const double dot = (p.x - a.x) * ab.x + (p.y - a.y) * ab.y;
-    const double t = l2 > 0 ? std::clamp(dot / l2, 0.0, 1.0) : 0.0;
-    const Point q{a.x + ab.x * t, a.y + ab.y * t};
-    const double d2 = (p.x - q.x) * (p.x - q.x) + (p.y - q.y) * (p.y - q.y);
-    if (d2 < best_d2) best_d2 = d2, best = q;
-  }
-  return left != right ? p : best;
-}
-
-/// Centroid of a polygon, times its area.
-Point first_moment(const Polygon& p) {
-  Point m;
-  for (int i = 1; i + 1 < p.n; ++i) {
-    const double a = std::abs(cross(p.v[0], p.v[i], p.v[i + 1])) / 2;
-    m.x += a * (p.v[0].x + p.v[i].x + p.v[i + 1].x) / 3;
-    m.y += a * (p.v[0].y + p.v[i].y + p.v[i + 1].y) / 3;
-  }
-  return m;
-}
-
-/// Mean over the points; evaluated once where it is constant on the points' triangle.
-template <class Constant, class Value>
-Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
-              Value value) {
-  Rgb sum, last;
-  std::uint32_t last_triangle = 0xffffffffu;
-  for (const SamplePoint& p : points) {
-    if (p.triangle != last_triangle) {
-      const std::optional<Rgb> same = constant(setups[p.triangle]);
-      last = same ? *same : value(p);
-      last_triangle = same ? p.triangle : 0xffffffffu;
-    }
-    sum += last;
-  }
-  return sum * (1.f / float(points.size()));
-}
-
 proto::Unexpected stopped() {
   return proto::fail(proto::kCanceledCode, "stopped while rasterising");
 }
 
+/// One filler for each batch that runs, used again by later ones.
+class FillerShelf {
+ public:
+  FillerShelf(const Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
+
+  std::unique_ptr<TexelFiller> take() {
+    const std::lock_guard lock(mutex_);
+    if (idle_.empty()) return std::make_unique<TexelFiller>(scene_, atlas_);
+    auto filler = std::move(idle_.back());
+    idle_.pop_back();
+    return filler;
+  }
+  void put(std::unique_ptr<TexelFiller> filler) {
+    const std::lock_guard lock(mutex_);
+    idle_.push_back(std::move(filler));
+  }
+
+ private:
+  const Scene& scene_;
+  const Atlas& atlas_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<TexelFiller>> idle_;  // by mutex_
+};
+
+/// Finds the texels of all charts in one sweep, and what pieces of triangles each one owns; what
+/// the pieces say about a texel is then worked out for many texels at a time.
 class Rasteriser {
  public:
-  Rasteriser(const Scene& scene, const Atlas& atlas, std::stop_token stop)
-      : scene_(scene), atlas_(atlas), stop_(std::move(stop)), setups_(scene, atlas) {}
+  Rasteriser(const Scene& scene, const Atlas& atlas, std::stop_token stop, ThreadPool* pool)
+      : scene_(scene),
+        atlas_(atlas),
+        stop_(std::move(stop)),
+        pool_(pool),
+        fillers_(scene, atlas),
+        setups_(scene, atlas) {}
 
   proto::Expected<TextureGroup> run(std::size_t max_pieces) {
     open_pages();
@@ -108,7 +98,9 @@ class Rasteriser {
                            "too many triangles meet in eight rows of a lightmap page");
       }
       add_band(sweep);
+      if (pieces_.size() >= kWaitingPieces && !fill_texels()) return stopped();
     }
+    if (!fill_texels()) return stopped();
     for (const std::uint32_t t : sweep.flat_triangles()) add_flat(t);
     adopt_orphans();
     group_.front_count = group_.size();
@@ -195,72 +187,56 @@ class Rasteriser {
       return atlas_.triangle_chart[f.triangle] != chart;
     });
     if (shared) chart = pick_chart(page, x, y, fragments);
-    pieces_.clear();
     for (const Fragment& f : fragments) {
       if (atlas_.triangle_chart[f.triangle] == chart) pieces_.push_back({f.triangle, f.area});
     }
-    group_.pages[page].texel_at[std::size_t(y) * atlas_.page_size + x] = std::int32_t(size());
+    group_.pages[page].texel_at[std::size_t(y) * atlas_.page_size + x] =
+        std::int32_t(group_.chart.size());
     group_.chart.push_back(chart);
     group_.page.push_back(std::uint16_t(page));
     group_.x.push_back(std::uint16_t(x));
     group_.y.push_back(std::uint16_t(y));
     group_.back.push_back(-1);
-    add_surface(x, y);
-    add_points(page, x, y);
+    piece_ends_.push_back(pieces_.size());
   }
 
-  /// Area, coverage, and the representative point: on the triangle that covers most, as near to the
-  /// footprint's centroid as that goes.
-  void add_surface(std::uint32_t x, std::uint32_t y) {
-    double area = 0, covered = 0;
-    Piece most;
-    Point moment;
-    for (const Piece& p : pieces_) {
-      area += p.area * setups_[p.triangle].m2_per_texel2;
-      covered += p.area;
-      if (p.area > most.area || (p.area == most.area && p.triangle < most.triangle)) most = p;
-      if (pieces_.size() == 1 && p.area == 1) continue;
-      const Point m = first_moment(clip_to_texel(setups_[p.triangle].polygon(), x, y));
-      moment.x += m.x, moment.y += m.y;
-    }
-    const TriangleSetup& setup = setups_[most.triangle];
-    Point at{double(x) + 0.5, double(y) + 0.5};
-    if (most.area < 1) {
-      const Point centroid{moment.x / covered, moment.y / covered};
-      const Polygon footprint = clip_to_texel(setup.polygon(), x, y);
-      at = footprint.n >= 3 ? closest_point(footprint, centroid) : centroid;
-    }
-    const Bary bary = make_point(most.triangle, setup.bary(at)).bary();
-    group_.position.push_back(position_at(scene_, most.triangle, bary));
-    group_.geometric_normal.push_back(setup.normal);
-    group_.shading_normal.push_back(shading_normal(scene_, most.triangle, bary));
-    group_.area_m2.push_back(float(area));
-    group_.coverage.push_back(float(std::min(covered, 1.0)));
-    group_.triangle.push_back(most.triangle);
+  /// Works out the surface of the texels that were found since the last time. False when stopped.
+  bool fill_texels() {
+    const auto begin = std::uint32_t(size()), end = std::uint32_t(group_.chart.size());
+    const auto resize = [end](auto&... planes) { (planes.resize(end), ...); };
+    TextureGroup& g = group_;
+    resize(g.position, g.geometric_normal, g.shading_normal, g.albedo, g.emission, g.area_m2);
+    resize(g.coverage, g.triangle);
+    g.points.resize(std::size_t(end) * kPoints);
+    std::atomic<std::uint64_t> capped{0};
+    const auto batch = [&](std::uint32_t b) {
+      auto filler = fillers_.take();
+      const std::uint32_t first = b * kTexelsPerBatch;
+      const std::uint32_t last = std::min(first + kTexelsPerBatch, end - begin);
+      std::uint64_t count = 0;
+      for (std::uint32_t i = first; i < last && !stop_.stop_requested(); ++i) {
+        const std::size_t from = i == 0 ? 0 : piece_ends_[i - 1];
+        const auto pieces = std::span(pieces_).subspan(from, piece_ends_[i] - from);
+        count += filler->fill(group_, begin + i, pieces);
+      }
+      capped += count;
+      fillers_.put(std::move(filler));
+    };
+    const std::uint32_t batches = (end - begin + kTexelsPerBatch - 1) / kTexelsPerBatch;
+    if (!run_batches(batches, batch)) return false;
+    group_.albedo_capped += capped;
+    pieces_.clear();
+    piece_ends_.clear();
+    return true;
   }
 
-  void add_points(std::uint32_t page, std::uint32_t x, std::uint32_t y) {
-    const std::size_t first = group_.points.size();
-    group_.points.resize(first + kPoints);
-    const std::span<SamplePoint> points(group_.points.data() + first, kPoints);
-    place_points(setups_, page, x, y, pieces_, points);
-    const Rgb albedo = mean_over(
-        setups_, points,
-        [](const TriangleSetup& t) {
-          return t.constant_albedo ? std::optional(t.albedo) : std::nullopt;
-        },
-        [&](const SamplePoint& p) { return albedo_at(scene_, p.triangle, p.bary()); });
-    const Rgb emission = mean_over(
-        setups_, points,
-        [](const TriangleSetup& t) {
-          return t.constant_emission ? std::optional(t.emission) : std::nullopt;
-        },
-        [&](const SamplePoint& p) { return emission_at(scene_, p.triangle, p.bary()); });
-    const Rgb capped{std::min(albedo.r, kMaxAlbedo), std::min(albedo.g, kMaxAlbedo),
-                     std::min(albedo.b, kMaxAlbedo)};
-    if (capped != albedo) ++group_.albedo_capped;
-    group_.albedo.push_back(capped);
-    group_.emission.push_back(emission);
+  bool run_batches(std::uint32_t count, const std::function<void(std::uint32_t)>& batch) {
+    if (pool_) return pool_->for_batches(count, stop_, batch);
+    for (std::uint32_t b = 0; b < count; ++b) {
+      if (stop_.stop_requested()) return false;
+      batch(b);
+    }
+    return true;
   }
 
   void add_flat(std::uint32_t triangle) {
@@ -322,18 +298,22 @@ class Rasteriser {
   const Scene& scene_;
   const Atlas& atlas_;
   std::stop_token stop_;
+  ThreadPool* pool_;
+  FillerShelf fillers_;
   SetupCache setups_;
   TextureGroup group_;
   std::vector<Orphan> orphans_;
-  std::vector<Piece> pieces_;         // of the texel at hand
-  std::vector<ChartPiece> by_chart_;  // likewise
+  std::vector<Piece> pieces_;            // of the texels that wait to be filled in
+  std::vector<std::size_t> piece_ends_;  // one per such texel
+  std::vector<ChartPiece> by_chart_;     // of the texel at hand
 };
 
 }  // namespace
 
 proto::Expected<TextureGroup> rasterise(const Scene& scene, const Atlas& atlas,
-                                        std::stop_token stop, std::size_t max_pieces) {
-  return Rasteriser(scene, atlas, std::move(stop)).run(max_pieces);
+                                        std::stop_token stop, std::size_t max_pieces,
+                                        ThreadPool* pool) {
+  return Rasteriser(scene, atlas, std::move(stop), pool).run(max_pieces);
 }
 
 }  // namespace kiln::baker

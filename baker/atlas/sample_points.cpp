@@ -60,17 +60,21 @@ Point clamp_bary(Point b) {
 /// The square is covered: the net over the square, each point given to the triangle it lies in.
 void place_in_square(SetupCache& setups, Point corner, std::span<const Piece> pieces,
                      const Point (&net)[kPoints], std::span<SamplePoint> points) {
-  std::array<double, kPoints> best;
-  best.fill(-INFINITY);
+  struct Choice {
+    double depth = -INFINITY;
+    std::uint32_t triangle = 0;
+    Point bary;
+  };
+  std::array<Choice, kPoints> best;
   for (const Piece& piece : pieces) {
     const TriangleSetup& triangle = setups[piece.triangle];
     for (int i = 0; i < kPoints; ++i) {
       const Point bary = triangle.bary({corner.x + net[i].x, corner.y + net[i].y});
-      if (depth(bary) <= best[i]) continue;
-      best[i] = depth(bary);
-      points[i] = make_point(piece.triangle, bary);
+      const double d = depth(bary);
+      if (!(d <= best[i].depth)) best[i] = {d, piece.triangle, bary};
     }
   }
+  for (int i = 0; i < kPoints; ++i) points[i] = make_point(best[i].triangle, best[i].bary);
 }
 
 /// Uniform point of the triangle abc for (s, t) in [0,1)^2; area below the point's line from `a`

@@ -12,6 +12,8 @@
 
 namespace kiln::baker {
 
+class ThreadPool;
+
 /// A half-open run of texel indices.
 struct TexelRange {
   std::uint32_t begin = 0, end = 0;
@@ -67,6 +69,8 @@ struct TextureGroup {
   }
 };
 
+inline constexpr std::size_t kMaxBandPieces = std::size_t(1) << 25;
+
 /// Rasterises the atlas: exact clipping of triangles against texel squares, so that a texel which a
 /// triangle only touches is included. A texel that several charts touch belongs to the one that
 /// covers most of it; the area of the others there goes to their own nearest texel within two
@@ -75,8 +79,9 @@ struct TextureGroup {
 /// is one, and a look-up on it reads its neighbours. `position`, normals and `triangle` belong
 /// together: they are of the triangle that covers most, at its nearest point to the footprint's
 /// centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles in eight rows of
-/// a page), `canceled`.
+/// a page), `canceled`. Runs on `pool`, or on the calling thread; the bits are the same.
 proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {},
-                                        std::size_t max_pieces = std::size_t(1) << 25);
+                                        std::size_t max_pieces = kMaxBandPieces,
+                                        ThreadPool* pool = nullptr);
 
 }  // namespace kiln::baker

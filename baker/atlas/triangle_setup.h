@@ -39,7 +39,7 @@ class SetupCache {
   }
 
  private:
-  static constexpr std::uint32_t kSlots = 4096;
+  static constexpr std::uint32_t kSlots = 512;
   void fill(TriangleSetup&, std::uint32_t triangle) const;
 
   const Scene& scene_;

@@ -1,9 +1,11 @@
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <numeric>
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/thread_pool.h"
 #include "support/scenes.h"
 
 namespace kiln::baker {
@@ -291,6 +293,44 @@ TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
     expect_colour(group->albedo[t],
                   Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
     EXPECT_EQ(group->emission[t], Rgb{});
+  }
+}
+
+template <class T>
+void expect_same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
+  ASSERT_EQ(a.size(), b.size());
+  EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size() * sizeof(T)), 0);
+}
+
+TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
+  SceneBuilder b;
+  b.part(quad({0, 0, 0}, {1, 0, 0}, {0.3f, 1, 0}));
+  Scene scene = b.build();
+  scene.base_uv = scene.lightmap_uv;
+  scene.materials[0].base_color = {1, 1, 1};
+  scene.materials[0].base_texture = add_image(scene, 64, pattern);
+  const Atlas atlas = as_is(scene, 150);
+  const auto alone = rasterise(scene, atlas);
+  ASSERT_TRUE(alone);
+  EXPECT_GT(alone->albedo_capped, 0u);
+  for (const unsigned threads : {1u, 4u}) {
+    ThreadPool pool(threads);
+    const auto group = rasterise(scene, atlas, {}, kMaxBandPieces, &pool);
+    ASSERT_TRUE(group);
+    EXPECT_EQ(group->front_count, alone->front_count);
+    EXPECT_EQ(group->albedo_capped, alone->albedo_capped);
+    expect_same_bytes(group->position, alone->position);
+    expect_same_bytes(group->geometric_normal, alone->geometric_normal);
+    expect_same_bytes(group->shading_normal, alone->shading_normal);
+    expect_same_bytes(group->albedo, alone->albedo);
+    expect_same_bytes(group->emission, alone->emission);
+    expect_same_bytes(group->area_m2, alone->area_m2);
+    expect_same_bytes(group->coverage, alone->coverage);
+    expect_same_bytes(group->triangle, alone->triangle);
+    expect_same_bytes(group->chart, alone->chart);
+    expect_same_bytes(group->x, alone->x);
+    expect_same_bytes(group->y, alone->y);
+    expect_same_bytes(group->points, alone->points);
   }
 }
 

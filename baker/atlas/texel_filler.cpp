@@ -1,0 +1,120 @@
+#include "baker/atlas/texel_filler.h"
+
+#include <optional>
+
+namespace kiln::baker::atlas_detail {
+namespace {
+
+/// Nearest point of a convex polygon.
+Point closest_point(const Polygon& polygon, Point p) {
+  Point best = polygon.v[0];
+  double best_d2 = INFINITY;
+  bool left = false, right = false;
+  for (int i = 0; i < polygon.n; ++i) {
+    const Point a = polygon.v[i], b = polygon.v[i + 1 < polygon.n ? i + 1 : 0];
+    const double side = cross(a, b, p);
+    (side >= 0 ? left : right) = true;
+    const Point ab{b.x - a.x, b.y - a.y};
+    const double l2 = ab.x * ab.x + ab.y * ab.y;
+    const double dot = (p.x - a.x) * ab.x + (p.y - a.y) * ab.y;
+    const double t = l2 > 0 ? std::clamp(dot / l2, 0.0, 1.0) : 0.0;
+    const Point q{a.x + ab.x * t, a.y + ab.y * t};
+    const double d2 = (p.x - q.x) * (p.x - q.x) + (p.y - q.y) * (p.y - q.y);
+    if (d2 < best_d2) best_d2 = d2, best = q;
+  }
+  return left != right ? p : best;
+}
+
+/// Centroid of a polygon, times its area.
+Point first_moment(const Polygon& p) {
+  Point m;
+  for (int i = 1; i + 1 < p.n; ++i) {
+    const double a = std::abs(cross(p.v[0], p.v[i], p.v[i + 1])) / 2;
+    m.x += a * (p.v[0].x + p.v[i].x + p.v[i + 1].x) / 3;
+    m.y += a * (p.v[0].y + p.v[i].y + p.v[i + 1].y) / 3;
+  }
+  return m;
+}
+
+/// Mean over the points; evaluated once where it is constant on the points' triangle.
+template <class Constant, class Value>
+Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
+              Value value) {
+  Rgb sum, last;
+  std::uint32_t last_triangle = 0xffffffffu;
+  for (const SamplePoint& p : points) {
+    if (p.triangle != last_triangle) {
+      const std::optional<Rgb> same = constant(setups[p.triangle]);
+      last = same ? *same : value(p);
+      last_triangle = same ? p.triangle : 0xffffffffu;
+    }
+    sum += last;
+  }
+  return sum * (1.f / float(points.size()));
+}
+
+}  // namespace
+
+bool TexelFiller::fill(TextureGroup& group, std::uint32_t texel, std::span<const Piece> pieces) {
+  fill_surface(group, texel, pieces);
+  const std::span<SamplePoint> points(
+      group.points.data() + std::size_t(texel) * TextureGroup::kPointsPerTexel,
+      TextureGroup::kPointsPerTexel);
+  place_points(setups_, group.page[texel], group.x[texel], group.y[texel], pieces, points);
+  return fill_colours(group, texel);
+}
+
+/// Area, coverage, and the representative point: on the triangle that covers most, as near to the
+/// footprint's centroid as that goes.
+void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
+                               std::span<const Piece> pieces) {
+  const std::uint32_t x = group.x[texel], y = group.y[texel];
+  double area = 0, covered = 0;
+  Piece most;
+  Point moment;
+  for (const Piece& p : pieces) {
+    const TriangleSetup& setup = setups_[p.triangle];
+    area += p.area * setup.m2_per_texel2;
+    covered += p.area;
+    if (p.area > most.area || (p.area == most.area && p.triangle < most.triangle)) most = p;
+    if (pieces.size() == 1 && p.area == 1) continue;
+    const Point m = first_moment(clip_to_texel(setup.polygon(), x, y));
+    moment.x += m.x, moment.y += m.y;
+  }
+  const TriangleSetup& setup = setups_[most.triangle];
+  Point at{double(x) + 0.5, double(y) + 0.5};
+  if (most.area < 1) {
+    const Point centroid{moment.x / covered, moment.y / covered};
+    const Polygon footprint = clip_to_texel(setup.polygon(), x, y);
+    at = footprint.n >= 3 ? closest_point(footprint, centroid) : centroid;
+  }
+  const Bary bary = make_point(most.triangle, setup.bary(at)).bary();
+  group.position[texel] = position_at(scene_, most.triangle, bary);
+  group.geometric_normal[texel] = setup.normal;
+  group.shading_normal[texel] = shading_normal(scene_, most.triangle, bary);
+  group.area_m2[texel] = float(area);
+  group.coverage[texel] = float(std::min(covered, 1.0));
+  group.triangle[texel] = most.triangle;
+}
+
+bool TexelFiller::fill_colours(TextureGroup& group, std::uint32_t texel) {
+  const std::span<const SamplePoint> points = group.points_of(texel);
+  const Rgb albedo = mean_over(
+      setups_, points,
+      [](const TriangleSetup& t) {
+        return t.constant_albedo ? std::optional(t.albedo) : std::nullopt;
+      },
+      [&](const SamplePoint& p) { return albedo_at(scene_, p.triangle, p.bary()); });
+  group.emission[texel] = mean_over(
+      setups_, points,
+      [](const TriangleSetup& t) {
+        return t.constant_emission ? std::optional(t.emission) : std::nullopt;
+      },
+      [&](const SamplePoint& p) { return emission_at(scene_, p.triangle, p.bary()); });
+  const Rgb capped{std::min(albedo.r, kMaxAlbedo), std::min(albedo.g, kMaxAlbedo),
+                   std::min(albedo.b, kMaxAlbedo)};
+  group.albedo[texel] = capped;
+  return capped != albedo;
+}
+
+}  // namespace kiln::baker::atlas_detail
