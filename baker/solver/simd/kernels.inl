@@ -131,6 +131,8 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
   for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
   const bool triangle = light.corners == 3;
   const int opposite = triangle ? 2 : 3;
+  // Read here: a read under the condition below would keep the loop from being vectorised.
+  const float area = light.area_m2;
   for (int i = 0; i < kLanes; ++i) {
     const float u = unit(scramble(px[i], seed_x)), v = unit(scramble(py[i], seed_y));
     // Uniform in a triangle by the square-root map.
@@ -156,7 +158,7 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
     for (int k = 0; k < 3; ++k) out.direction[k][i] = end[k] + side * light.normal[k];
     const bool lit = (above > 0) & (at_surface > 0);
     const float safe = length2 > 1e-30f ? length2 : 1e-30f;
-    out.weight[i] = lit ? magnitude(at_light) * at_surface / (safe * safe) * light.area_m2 : 0.f;
+    out.weight[i] = lit ? magnitude(at_light) * at_surface / (safe * safe) * area : 0.f;
   }
 }
 
