@@ -1,0 +1,241 @@
+"""Draws what scripts/bench measured: plots and bakes.csv into the docs folder, and the tables of
+performance.md between their marks `<!-- bench: NAME -->` and `<!-- end -->`."""
+import argparse
+import csv
+import json
+import math
+import re
+import shutil
+from pathlib import Path
+
+COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "presets": "#1e8449"}
+NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather",
+         "presets": "Lightkiln, presets"}
+TARGETS = [0.05, 0.02, 0.01]
+
+
+def read_bakes(path):
+    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    for r in rows:
+        for key in r:
+            if key not in ("tool", "series", "scene", "setting", "session"):
+                r[key] = float(r[key]) if r[key] else None
+    return rows
+
+
+def curve(rows, scene, series, time="seconds", error="nrmse_own"):
+    points = [(r[time], r[error]) for r in rows
+              if r["scene"] == scene and r["series"] == series and r[error]]
+    return sorted(points)
+
+
+def seconds_to(points, error):
+    """Seconds at which a curve comes down to `error`, along straight lines of the log-log plot, and
+    whether it had to be prolonged beyond its last point. None where it never does."""
+    logs = [(math.log(t), math.log(e)) for t, e in points]
+    goal = math.log(error)
+    for (t0, e0), (t1, e1) in zip(logs, logs[1:]):
+        if e0 >= goal >= e1 and e0 > e1:
+            return math.exp(t0 + (t1 - t0) * (e0 - goal) / (e0 - e1)), False
+    if len(logs) < 2 or logs[0][1] < goal:
+        return (points[0][0], False) if points else None
+    (t0, e0), (t1, e1) = logs[0], logs[-1]
+    slope = (e1 - e0) / (t1 - t0)
+    # A curve that has nearly stopped falling has reached its bias: prolonging it means nothing.
+    (ta, ea), (tb, eb) = logs[-2:]
+    if slope >= 0 or (eb - ea) / (tb - ta) > slope / 2:
+        return None
+    return math.exp(t1 + (goal - e1) / slope), True
+
+
+# --- the plot -------------------------------------------------------------------------------------
+
+class Axes:
+    """A log-log frame. Positions in pixels."""
+    left, top, width, height = 70, 40, 560, 360
+
+    def __init__(self, points):
+        xs, ys = [p[0] for p in points], [100 * p[1] for p in points]
+        self.x = (math.floor(math.log10(min(xs))), math.ceil(math.log10(max(xs))))
+        self.y = (math.log10(min(ys)) - 0.1, math.log10(max(ys)) + 0.1)
+
+    def at(self, seconds, percent):
+        fx = (math.log10(seconds) - self.x[0]) / (self.x[1] - self.x[0])
+        fy = (math.log10(percent) - self.y[0]) / (self.y[1] - self.y[0])
+        return self.left + fx * self.width, self.top + (1 - fy) * self.height
+
+
+def text(x, y, words, anchor="start", size=13, colour="#333"):
+    return (f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" '
+            f'fill="{colour}">{words}</text>')
+
+
+def line(x0, y0, x1, y1, colour, width=1.0):
+    return (f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" stroke="{colour}" '
+            f'stroke-width="{width}"/>')
+
+
+def grid(axes):
+    parts = []
+    bottom, right = axes.top + axes.height, axes.left + axes.width
+    for decade in range(axes.x[0], axes.x[1] + 1):
+        x, _ = axes.at(10.0 ** decade, 1)
+        parts += [line(x, axes.top, x, bottom, "#ddd"),
+                  text(x, bottom + 18, f"{10.0 ** decade:g} s", "middle")]
+    for percent in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50):
+        if axes.y[0] <= math.log10(percent) <= axes.y[1]:
+            _, y = axes.at(1, percent)
+            parts += [line(axes.left, y, right, y, "#ddd"),
+                      text(axes.left - 8, y + 4, f"{percent:g} %", "end")]
+    return parts
+
+
+def plot(title, curves):
+    """SVG text. curves: (series, [(seconds, error)])."""
+    axes = Axes([p for _, points in curves for p in points])
+    parts = ['<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 660 460" '
+             'font-family="sans-serif">', '<rect width="660" height="460" fill="white"/>',
+             text(axes.left, 24, title, size=15)] + grid(axes)
+    for i, (series, points) in enumerate(curves):
+        colour = COLOURS[series]
+        places = [axes.at(t, 100 * e) for t, e in points]
+        parts.append(f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="' +
+                     " ".join(f"{x:.1f},{y:.1f}" for x, y in places) + '"/>')
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="{colour}"/>'
+                  for x, y in places]
+        y = axes.top + 20 + 18 * i
+        parts += [line(axes.left + 400, y - 4, axes.left + 425, y - 4, colour, 3),
+                  text(axes.left + 432, y, NAMES[series])]
+    parts += [text(axes.left + axes.width / 2, 452, "seconds of the bake, two threads", "middle"),
+              "</svg>"]
+    return "\n".join(parts) + "\n"
+
+
+# --- the tables -----------------------------------------------------------------------------------
+
+def table(head, rows):
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(r) + " |" for r in rows])
+
+
+def percent(value):
+    return "" if value is None else f"{100 * value:.2f} %"
+
+
+def seconds(value):
+    if value is None:
+        return "not reached"
+    t, prolonged = value
+    return ("≈ " if prolonged else "") + (f"{t:.0f}" if t >= 100 else f"{t:.2g}" if t < 1 else f"{t:.1f}")
+
+
+def factors(rows):
+    """Time to equal error, ours against Cycles'."""
+    out = []
+    for scene in scenes(rows):
+        for series in ("gather", "presets"):
+            for goal in TARGETS:
+                theirs = seconds_to(curve(rows, scene, "cycles"), goal)
+                ours = seconds_to(curve(rows, scene, series), goal)
+                if not theirs or not curve(rows, scene, series):
+                    continue
+                cpu = [seconds_to(curve(rows, scene, s, "cpu_seconds"), goal)
+                       for s in ("cycles", series)]
+                out.append([scene, NAMES[series], f"{100 * goal:g} %", seconds(theirs), seconds(ours),
+                            f"{theirs[0] / ours[0]:.0f} ×" if ours else "",
+                            f"{cpu[0][0] / cpu[1][0]:.0f} ×" if all(cpu) else ""])
+    if not out:
+        return "Not measured."
+    return table(["scene", "ours", "nRMSE", "Cycles, s", "ours, s", "factor", "by CPU time"], out)
+
+
+def bakes(rows):
+    return table(
+        ["scene", "tool", "setting", "bake, s", "CPU, s", "nRMSE", "from Cycles' limit", "bias to it"],
+        [[r["scene"], NAMES[r["series"]], r["setting"], f"{r['seconds']:.2f}",
+          f"{r['cpu_seconds']:.2f}", percent(r["nrmse_own"]), percent(r["nrmse_cycles"]),
+          percent(r["bias_cycles"])] for r in rows])
+
+
+def scenes(rows):
+    return list(dict.fromkeys(r["scene"] for r in rows))
+
+
+def rate(value):
+    return f"{value * 1e-6:.1f}"
+
+
+def kernel_tables(path):
+    if not path.exists():
+        return {}
+    runs = json.loads(path.read_text())
+    by_name = {b["name"]: b for b in runs["benchmarks"] if not b.get("error_occurred")}
+    tracing, kernels, stages, scaling = [], {}, [], []
+    for name, b in by_name.items():
+        parts = name.split("/")
+        if parts[0] == "trace_rate":
+            tracing.append([parts[1], parts[2].split(":")[1], f"{b['embree_Mray_per_s']:.1f}",
+                            f"{b['ours_Mray_per_s']:.1f}", f"{b['percent_of_embree']:.0f} %"])
+        elif parts[0] == "threads":
+            scaling.append([parts[1], f"{b['one_thread_s']:.3f}", f"{b['two_threads_s']:.3f}",
+                            f"{b['speedup']:.2f} ×"])
+        elif "set:" in name:
+            kernels.setdefault(parts[0], {})[b["label"]] = rate(b["items_per_second"])
+        else:
+            stages.append([" ".join(parts), f"{b['real_time']:.1f}"])
+    sets = ["sse2", "avx2", "avx512"]
+    return {
+        "tracing": table(["rays", "samples", "Embree alone, M/s", "ours, M/s", "share"], tracing),
+        "kernels": table(["kernel, M lanes/s"] + sets,
+                         [[k] + [v.get(s, "") for s in sets] for k, v in kernels.items()]),
+        "stages": table(["stage", "ms"], stages),
+        "threads": table(["scene, 256²", "one thread, s", "two threads, s", "speed-up"], scaling),
+    }
+
+
+def machine():
+    """What the figures were taken on."""
+    def first(path, pattern):
+        found = re.search(pattern, Path(path).read_text(), re.M)
+        return found.group(1).strip() if found else "unknown"
+    cpu = first("/proc/cpuinfo", r"^model name\s*:(.*)$")
+    cores = len(re.findall(r"^processor", Path("/proc/cpuinfo").read_text(), re.M))
+    return f"{cores} cores of {cpu}, {first('/etc/os-release', r'^PRETTY_NAME=.(.*).$')}"
+
+
+def sessions(rows):
+    of = {NAMES.get(tool, "Lightkiln"): sorted({r["session"] for r in rows if r["tool"] == tool})
+          for tool in ("lightkiln", "cycles")}
+    words = f"Measured on {machine()}."
+    if of["Cycles"] and of["Cycles"] == of["Lightkiln"]:
+        return words + (f" Both tools ran in one session ({of['Cycles'][0]}), one after the other, "
+                        "with two threads each.")
+    return words + "".join(f" {tool}: {', '.join(s)}." for tool, s in of.items() if s)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--from", dest="source", type=Path, required=True)
+    parser.add_argument("--docs", type=Path, required=True)
+    a = parser.parse_args()
+    rows = read_bakes(a.source / "bakes.csv")
+    tables = kernel_tables(a.source / "kernels.json")
+    if rows:
+        shutil.copy(a.source / "bakes.csv", a.docs / "performance.csv")
+        tables |= {"factors": factors(rows), "bakes": bakes(rows), "session": sessions(rows)}
+    for scene in scenes(rows):
+        curves = [(s, curve(rows, scene, s)) for s in NAMES]
+        name = "performance-" + scene.replace("/", "-") + ".svg"
+        (a.docs / name).write_text(plot(f"{scene}, 256²: error against time",
+                                        [c for c in curves if c[1]]))
+    page = a.docs / "performance.md"
+    words = page.read_text()
+    for name, body in tables.items():
+        mark = re.compile(rf"(<!-- bench: {name} -->\n).*?(<!-- end -->)", re.S)
+        words, found = mark.subn(lambda m: m.group(1) + "\n" + body + "\n\n" + m.group(2), words)
+        if not found:
+            raise SystemExit(f"bench: {page} has no place for the table '{name}'")
+    page.write_text(words)
+
+
+main()
