@@ -38,15 +38,23 @@ Vec3 move_off(const AreaLight& l, Vec3 point, Vec3 receiver, float height) {
   return point + l.normal * std::copysign(off, height);
 }
 
+std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
+  double total = 0;
+  for (const AreaLight& l : lights) total += luminance(l.radiance) * l.area_m2;
+  std::vector<float> shares;
+  for (const AreaLight& l : lights)
+    shares.push_back(total > 0 ? float(luminance(l.radiance) * l.area_m2 / total)
+                               : 1.f / float(lights.size()));
+  return shares;
+}
+
 }  // namespace
 
-LightSet::LightSet(const Scene& scene) : scene_(scene), area_(find_area_lights(scene)) {
-  double total = 0;
-  for (const AreaLight& l : area_) total += luminance(l.radiance) * l.area_m2;
-  for (const AreaLight& l : area_)
-    power_share_.push_back(total > 0 ? float(luminance(l.radiance) * l.area_m2 / total)
-                                     : 1.f / float(area_.size()));
-}
+LightSet::LightSet(const Scene& scene)
+    : scene_(scene),
+      area_(find_area_lights(scene)),
+      power_share_(power_shares(area_)),
+      table_(area_, power_share_) {}
 
 float LightSet::unoccluded_estimate(const AreaLight& l, Vec3 p, Vec3 n) const {
   return l.shows_to(l.height_over(p))

@@ -7,6 +7,7 @@
 #include "baker/math/vec.h"
 #include "baker/scene/scene.h"
 #include "baker/solver/area_light.h"
+#include "baker/solver/light_table.h"
 
 namespace kiln::baker {
 
@@ -34,6 +35,8 @@ class LightSet {
   const std::vector<PunctualLight>& punctual() const { return scene_.lights; }
   /// Share of each area light in the summed luminous power.
   const std::vector<float>& power_share() const { return power_share_; }
+  /// For choosing among many.
+  const LightTable& table() const { return table_; }
   bool empty() const { return area_.empty() && scene_.lights.empty() && is_black(scene_.sky); }
 
   /// Irradiance at `p` from the whole light, unoccluded, if its radiance were its mean: what
@@ -50,6 +53,7 @@ class LightSet {
   const Scene& scene_;
   std::vector<AreaLight> area_;
   std::vector<float> power_share_;
+  LightTable table_;
 };
 
 /// Irradiance on a surface facing a punctual light at unit cosine, and the way to it

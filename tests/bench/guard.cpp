@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "baker/solver/solve.h"
 #include "tests/bench/kernel_input.h"
@@ -67,6 +68,14 @@ void count_kernels(baker::InstructionSet set) {
   each("view_light", [&](std::uint32_t) { k.view_light(in.lamp, in.frames, view); });
   baker::LightRays rays;
   each("sample_light", [&](std::uint32_t p) { in.sample_light(k, p, rays); });
+  const std::vector<baker::LightGroup> lights(kPackets);  // the work is the same for any
+  std::vector<float> weights(16 * kPackets);
+  std::vector<std::uint32_t> near(kPackets);
+  count(std::string("weigh_lights_") + k.name, "lane", [&] {
+    const float up[3] = {0, 1, 0};
+    k.weigh_lights(lights.data(), kPackets, up, up, 1, weights.data(), near.data());
+    return std::uint64_t(16 * kPackets);
+  });
   std::array<std::uint32_t, 16> texels;
   each("look_up", [&](std::uint32_t p) { in.look_up(k, p, texels); });
 }

@@ -56,6 +56,21 @@ using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const st
                              std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
                              const PointFrames&, float clearance, LightRays&);
 
+/// Sixteen flat lights.
+struct alignas(64) LightGroup {
+  float centre[3][16], normal[3][16];
+  float radius[16];  ///< from the centre to the farthest corner, m
+  float power[16];   ///< luminance times area, cd; 0 in lanes without a light
+  float back[16];    ///< -1 where it shines to both sides, else 1
+};
+
+/// About what a surface at `point` gets from each of many lights if nothing stands between, to be
+/// added to `weight`, sixteen for each group. A light across the horizon counts by half of its
+/// width, and one farther behind it not at all. Bit i of near[g] is set, and nothing added, where
+/// light i of group g is too near for this: nearer than `reach` and its own size.
+using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const float* point,
+                             const float* normal, float reach, float* weight, std::uint32_t* near);
+
 /// The maps from triangles to pages and from pages to texels, as the look-up kernel reads them.
 struct TexelGrid {
   static constexpr std::int32_t kWhole = 1 << 30;
@@ -90,6 +105,7 @@ struct Kernels {
   DirectionKernel directions;
   ViewKernel view_light;
   LightKernel sample_light;
+  WeighKernel weigh_lights;
   LookupKernel look_up;
 };
 

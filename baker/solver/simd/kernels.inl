@@ -8,6 +8,9 @@ namespace kiln::baker {
 namespace {
 
 constexpr int kLanes = 16;
+constexpr std::uint32_t kLaneBit[kLanes] = {
+    1u << 0, 1u << 1, 1u << 2,  1u << 3,  1u << 4,  1u << 5,  1u << 6,  1u << 7,
+    1u << 8, 1u << 9, 1u << 10, 1u << 11, 1u << 12, 1u << 13, 1u << 14, 1u << 15};
 
 [[gnu::always_inline]] inline std::uint32_t reverse(std::uint32_t x) {
   x = (x << 16) | (x >> 16);
@@ -162,6 +165,43 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
   }
 }
 
+void weigh_lights(const LightGroup* __restrict lights, std::uint32_t groups,
+                  const float* __restrict point, const float* __restrict normal, float reach,
+                  float* __restrict weight, std::uint32_t* __restrict near) {
+  constexpr float kNearRadii = 2;  // within so many radii of its own a light is no point
+  const float px = point[0], py = point[1], pz = point[2];
+  const float nx = normal[0], ny = normal[1], nz = normal[2];
+  for (std::uint32_t g = 0; g < groups; ++g) {
+    const LightGroup& l = lights[g];
+    float* __restrict w = weight + std::size_t(g) * kLanes;
+    alignas(64) std::uint32_t bit[kLanes];
+    for (int i = 0; i < kLanes; ++i) {
+      const float dx = l.centre[0][i] - px, dy = l.centre[1][i] - py, dz = l.centre[2][i] - pz;
+      const float r = l.radius[i];
+      const float d2 = dx * dx + dy * dy + dz * dz;
+      const float slope = -(dx * l.normal[0][i] + dy * l.normal[1][i] + dz * l.normal[2][i]);
+      const float other = slope * l.back[i];
+      const float height = slope > other ? slope : other;
+      const float up = dx * nx + dy * ny + dz * nz;
+      // The mean of what is above the horizon of a rod of that half width.
+      const float above = up + r > 0 ? up + r : 0;
+      const float in_part = above * above / (4 * r + 1e-30f);
+      const float facing = up >= r ? up : in_part;
+      const float bound = kNearRadii * r + reach;
+      const bool is_near = d2 < bound * bound;
+      // All operands are at hand before the choices, or they would be branches.
+      const float seen = (height > 0) & !is_near ? height : 0.f;
+      const float safe = d2 > 1e-30f ? d2 : 1e-30f;
+      const float scale = 1 / safe;
+      w[i] += (facing * scale) * (seen * scale) * l.power[i];
+      bit[i] = kLaneBit[i] & (is_near ? 0xffffffffu : 0u);
+    }
+    std::uint32_t bits = 0;
+    for (int i = 0; i < kLanes; ++i) bits |= bit[i];
+    near[g] = bits;
+  }
+}
+
 void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
              const float* __restrict bary_u, const float* __restrict bary_v,
              const std::uint32_t* __restrict back, const float* __restrict u,
@@ -201,6 +241,7 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
 
 }  // namespace
 
-extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions, view_light, sample_light, look_up};
+extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions,   view_light,
+                                  sample_light,      weigh_lights, look_up};
 
 }  // namespace kiln::baker

@@ -1,0 +1,193 @@
+// Choosing among many lights: the weights and the intervals.
+#include "baker/solver/light_table.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "baker/solver/sampling.h"
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker::test {
+namespace {
+
+Vec3 vector_of(std::uint32_t i, std::uint32_t seed) {
+  const Vec2 a = scrambled(sobol(i), seed), b = scrambled(sobol(i), hash(seed));
+  return {2 * a.x - 1, 2 * a.y - 1, 2 * b.x - 1};
+}
+
+AreaLight triangle(Vec3 corner, Vec3 first_edge, Vec3 second_edge, Rgb radiance) {
+  AreaLight light;
+  light.corner = {corner, corner + first_edge, corner + second_edge, {}};
+  const Vec3 c = cross(first_edge, second_edge);
+  light.normal = normalize(c);
+  light.area_m2 = length(c) / 2;
+  light.longest_edge_m =
+      std::max({length(first_edge), length(second_edge), length(first_edge - second_edge)});
+  light.radiance = radiance;
+  return light;
+}
+
+/// Small lights in all places around the origin, turned all ways; some shine to both sides.
+std::vector<AreaLight> swarm(std::uint32_t count) {
+  std::vector<AreaLight> lights;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const Vec3 u = normalize(vector_of(i, 2)), v = normalize(cross(u, vector_of(i, 3)));
+    lights.push_back(
+        triangle(vector_of(i, 1) * 3, u * 0.1f, v * 0.1f, {float(i % 7 + 1), 1, 0.5f}));
+    lights.back().two_sided = i % 5 == 0;
+  }
+  return lights;
+}
+
+std::vector<float> shares_of(const std::vector<AreaLight>& lights) {
+  double total = 0;
+  for (const AreaLight& l : lights) total += luminance(l.radiance) * l.area_m2;
+  std::vector<float> shares;
+  for (const AreaLight& l : lights)
+    shares.push_back(float(luminance(l.radiance) * l.area_m2 / total));
+  return shares;
+}
+
+struct Weighed {
+  std::vector<float> weight;
+  std::vector<std::uint32_t> near;
+
+  Weighed(const LightTable& table, InstructionSet set, Vec3 p, Vec3 n, float reach)
+      : weight(table.groups() * 16), near(table.groups()) {
+    const float point[3] = {p.x, p.y, p.z}, normal[3] = {n.x, n.y, n.z};
+    kernels(set).weigh_lights(table.data(), table.groups(), point, normal, reach, weight.data(),
+                              near.data());
+  }
+};
+
+/// Irradiance of a surface at the origin from a triangle that is wholly above its horizon, by the
+/// midpoint rule.
+double irradiance_at_origin(const AreaLight& light, Vec3 n) {
+  constexpr int kSteps = 24;
+  double sum = 0;
+  int points = 0;
+  for (int i = 0; i < kSteps; ++i)
+    for (int j = 0; i + j < kSteps; ++j, ++points) {
+      const float u = (float(i) + 1 / 3.f) / kSteps, v = (float(j) + 1 / 3.f) / kSteps;
+      const Vec3 d = light.corner[0] + light.first_edge() * u + light.second_edge() * v;
+      const double r2 = double(dot(d, d));
+      sum += double(dot(d, n)) * std::abs(double(dot(d, light.normal))) / (r2 * r2);
+    }
+  return double(luminance(light.radiance) * light.area_m2) * sum / points;
+}
+
+// A light counts as a point: that errs by the square of size over distance. One behind a horizon,
+// its own or the surface's, brings nothing.
+TEST(LightTable, WeightsAreUnoccludedIrradiance) {
+  const std::vector<AreaLight> lights = swarm(1000);
+  const LightTable table(lights, shares_of(lights));
+  const Vec3 n = normalize(Vec3{0.2f, 1, -0.3f});
+  const Weighed w(table, best_instruction_set(), {}, n, 0.1f);
+  int compared = 0, dark = 0;
+  for (std::uint32_t place = 0; place < lights.size(); ++place) {
+    const AreaLight& light = lights[table.light()[place]];
+    const float up = dot(light.centre(), n), size = light.longest_edge_m,
+                distance = length(light.centre());
+    if (w.near[place / 16] >> place % 16 & 1) {
+      EXPECT_LT(distance, 0.1f + 2 * size);
+      EXPECT_EQ(w.weight[place], 0);
+    } else if (!light.shows_to(light.height_over({})) || up < -size) {
+      ++dark;
+      EXPECT_EQ(w.weight[place], 0);
+    } else if (up > size) {
+      ++compared;
+      const double facing =
+          double(luminance(light.radiance) * light.area_m2 / dot(light.centre(), light.centre()));
+      EXPECT_NEAR(w.weight[place], irradiance_at_origin(light, n),
+                  facing * double(size * size / (distance * distance)));
+    }
+  }
+  EXPECT_GT(compared, 200);
+  EXPECT_GT(dark, 500);
+}
+
+TEST(LightTable, WeightsHaveTheSameBitsInEveryInstructionSet) {
+  const std::vector<AreaLight> lights = swarm(500);
+  const LightTable table(lights, shares_of(lights));
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    const Vec3 p = vector_of(i, 9) * 3, n = normalize(vector_of(i, 10));
+    const Weighed plain(table, InstructionSet::kSse2, p, n, 0.3f);
+    for (const auto set : {InstructionSet::kAvx2, InstructionSet::kAvx512}) {
+      if (set > best_instruction_set()) continue;
+      const Weighed w(table, set, p, n, 0.3f);
+      EXPECT_EQ(std::memcmp(w.weight.data(), plain.weight.data(), 4 * plain.weight.size()), 0);
+      EXPECT_EQ(w.near, plain.near);
+    }
+  }
+}
+
+TEST(LightTable, EachLightHasItsPlace) {
+  const std::vector<AreaLight> lights = swarm(333);
+  const LightTable table(lights, shares_of(lights));
+  std::vector<std::uint32_t> found(table.light().begin(), table.light().begin() + 333);
+  std::sort(found.begin(), found.end());
+  for (std::uint32_t l = 0; l < 333; ++l) EXPECT_EQ(found[l], l);
+  EXPECT_EQ(table.groups(), 21u);
+}
+
+/// Share of `draws` evenly spaced positions that picks each light.
+std::vector<double> picked_shares(const LightChoice& choice, std::size_t lights,
+                                  std::uint32_t draws) {
+  std::vector<double> shares(lights);
+  LightChoice::Walk walk(choice);
+  for (std::uint32_t k = 0; k < draws; ++k)
+    shares.at(walk.at((k + 0.5) / draws).light) += 1.0 / draws;
+  return shares;
+}
+
+// A light is picked as often as the probability that comes with it says, and every one is.
+TEST(LightChoice, PicksEachLightByItsProbability) {
+  constexpr std::uint32_t kDraws = 1 << 20;
+  const std::vector<AreaLight> lights = swarm(100);
+  const LightTable table(lights, shares_of(lights));
+  LightChoice choice(table);
+  choice.add({}, {0, 1, 0}, 0.5f, [](std::uint32_t) { return 0.01f; });
+  choice.add({0.1f, 0, 0}, {0, 1, 0}, 0.5f, [](std::uint32_t) { return 0.01f; });
+  choice.finish();
+  const std::vector<double> shares = picked_shares(choice, lights.size(), kDraws);
+  std::vector<float> probability(lights.size());
+  LightChoice::Walk walk(choice);
+  for (std::uint32_t k = 0; k < kDraws; ++k) {
+    const auto pick = walk.at((k + 0.5) / kDraws);
+    probability[pick.light] = pick.probability;
+  }
+  double sum = 0;
+  for (std::size_t l = 0; l < lights.size(); ++l) {
+    EXPECT_GT(probability[l], 0);
+    EXPECT_NEAR(shares[l], probability[l], 1.0 / kDraws + 1e-7);  // an interval's ends
+    sum += double(probability[l]);
+  }
+  EXPECT_NEAR(sum, 1, 1e-5);
+}
+
+TEST(LightChoice, GoesByPowerWhereNothingShows) {
+  std::vector<AreaLight> lights = swarm(40);
+  for (AreaLight& l : lights) l.two_sided = true;
+  const std::vector<float> power = shares_of(lights);
+  const LightTable table(lights, power);
+  LightChoice choice(table);
+  choice.add({0, 100, 0}, {0, 1, 0}, 0.1f, [](std::uint32_t) { return 0.f; });
+  choice.finish();
+  const auto shares = picked_shares(choice, lights.size(), 1 << 16);
+  for (std::size_t l = 0; l < lights.size(); ++l) EXPECT_NEAR(shares[l], power[l], 0x1p-15);
+}
+
+TEST(LightChoice, PositionsPastTheEndPickTheLastPlace) {
+  const std::vector<AreaLight> lights = swarm(17);
+  const LightTable table(lights, shares_of(lights));
+  LightChoice choice(table);
+  choice.finish();
+  LightChoice::Walk walk(choice);
+  EXPECT_GT(walk.at(1 - 0x1p-53).probability, -1);  // wherever rounding leaves the last end
+  EXPECT_GE(walk.at(1).probability, 0);
+}
+
+}  // namespace
+}  // namespace kiln::baker::test
