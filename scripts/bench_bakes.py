@@ -105,8 +105,8 @@ class Lightkiln:
 
     def references(self, effort, keep):
         refs = []
-        for seed in (101, 102):
-            name = f"reference_{seed}"
+        first = folder_name(f"samples {effort.reference}", "path")
+        for seed, name in ((101, first), (102, "reference")):
             if not keep or not (self.work / name / "manifest.json").exists():
                 refs.append(self.bake(name, {"solver.method": "path", "solver.seed": seed,
                                              "solver.samples": effort.reference}))

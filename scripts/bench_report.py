@@ -34,7 +34,8 @@ def seconds_to(points, error):
     whether it had to be prolonged beyond its last point. None where it never does."""
     logs = [(math.log(t), math.log(e)) for t, e in points]
     goal = math.log(error)
-    for (t0, e0), (t1, e1) in zip(logs, logs[1:]):
+    # The last crossing: from there on the error stays below.
+    for (t0, e0), (t1, e1) in reversed(list(zip(logs, logs[1:]))):
         if e0 >= goal >= e1 and e0 > e1:
             return math.exp(t0 + (t1 - t0) * (e0 - goal) / (e0 - e1)), False
     if len(logs) < 2 or logs[0][1] < goal:
@@ -106,7 +107,7 @@ def plot(title, curves):
         y = axes.top + 20 + 18 * i
         parts += [line(axes.left + 400, y - 4, axes.left + 425, y - 4, colour, 3),
                   text(axes.left + 432, y, NAMES[series])]
-    parts += [text(axes.left + axes.width / 2, 452, "seconds of the bake, two threads", "middle"),
+    parts += [text(axes.left + axes.width / 2, 452, "CPU seconds of the bake", "middle"),
               "</svg>"]
     return "\n".join(parts) + "\n"
 
@@ -174,22 +175,27 @@ def kernel_tables(path):
     for name, b in by_name.items():
         parts = name.split("/")
         if parts[0] == "trace_rate":
-            tracing.append([parts[1], parts[2].split(":")[1], f"{b['embree_Mray_per_s']:.1f}",
-                            f"{b['ours_Mray_per_s']:.1f}", f"{b['percent_of_embree']:.0f} %"])
+            samples = int(parts[1].split(":")[1])
+            for kind, rays in (("gather", samples), ("shadow", samples // 4)):
+                tracing.append([kind, str(rays),
+                                f"{b[kind + '_embree_Mray_per_s']:.1f}",
+                                f"{b[kind + '_Mray_per_s']:.1f}",
+                                f"{b[kind + '_percent_of_embree']:.0f} %"])
         elif parts[0] == "threads":
             scaling.append([parts[1], f"{b['one_thread_s']:.3f}", f"{b['two_threads_s']:.3f}",
                             f"{b['speedup']:.2f} ×"])
         elif "set:" in name:
             kernels.setdefault(parts[0], {})[b["label"]] = rate(b["items_per_second"])
         else:
-            stages.append([" ".join(parts), f"{b['real_time']:.1f}"])
+            stages.append([" ".join(parts), f"{b['cpu_time']:.1f}"])
     sets = ["sse2", "avx2", "avx512"]
     return {
-        "tracing": table(["rays", "samples", "Embree alone, M/s", "ours, M/s", "share"], tracing),
+        "tracing": table(["rays", "per texel", "Embree alone, M/s", "ours, M/s", "share"], tracing),
         "kernels": table(["kernel, M lanes/s"] + sets,
                          [[k] + [v.get(s, "") for s in sets] for k, v in kernels.items()]),
-        "stages": table(["stage", "ms"], stages),
-        "threads": table(["scene, 256²", "one thread, s", "two threads, s", "speed-up"], scaling),
+        "stages": table(["stage", "CPU, ms"], stages),
+        "threads": table(["scene, 256²", "one thread, s", "two threads, s", "speed-up"], scaling)
+        if scaling else "Not measured in the last run: the machine was not idle.",
     }
 
 
@@ -224,9 +230,9 @@ def main():
         shutil.copy(a.source / "bakes.csv", a.docs / "performance.csv")
         tables |= {"factors": factors(rows), "bakes": bakes(rows), "session": sessions(rows)}
     for scene in scenes(rows):
-        curves = [(s, curve(rows, scene, s)) for s in NAMES]
+        curves = [(s, curve(rows, scene, s, "cpu_seconds")) for s in NAMES]
         name = "performance-" + scene.replace("/", "-") + ".svg"
-        (a.docs / name).write_text(plot(f"{scene}, 256²: error against time",
+        (a.docs / name).write_text(plot(f"{scene}, 256²: error (nRMSE) against time",
                                         [c for c in curves if c[1]]))
     page = a.docs / "performance.md"
     words = page.read_text()

@@ -1,5 +1,5 @@
-// Fixed work for counting instructions: see the script `guard`. One thread, no clock. Each piece of
-// work leaves a dump of callgrind's, and prints its name, how many items it did, and what they are.
+// Fixed work for counting instructions: see the script `guard`. Each piece of work leaves a dump of
+// callgrind's, and prints its name, how many items it did, and what they are.
 #include <dlfcn.h>
 #include <embree3/rtcore.h>
 #include <valgrind/callgrind.h>
@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/kernel_input.h"
 #include "tests/bench/ready_scene.h"
@@ -44,9 +45,7 @@ template <class Work>
 void count(const std::string& name, const char* item, Work work) {
   CALLGRIND_START_INSTRUMENTATION;
   CALLGRIND_ZERO_STATS;
-  CALLGRIND_TOGGLE_COLLECT;
   const std::uint64_t items = work();
-  CALLGRIND_TOGGLE_COLLECT;
   CALLGRIND_DUMP_STATS_AT(name.c_str());
   CALLGRIND_STOP_INSTRUMENTATION;
   std::printf("%s %llu %s\n", name.c_str(), static_cast<unsigned long long>(items), item);
@@ -80,30 +79,13 @@ void count_kernels(baker::InstructionSet set) {
   each("look_up", [&](std::uint32_t p) { in.look_up(k, p, texels); });
 }
 
-/// All passes, as solve() makes them, in this thread.
-/// @param stride takes every n-th batch only
 /// @return rays
-std::uint64_t make_passes(const baker::SolverInput& in, std::uint32_t stride) {
-  const auto solver = make_solver(in);
-  baker::Lightmap before(in.texels.size());
-  std::vector<proto::PassReport> done;
+std::uint64_t solve_once(const ReadyScene& ready, const proto::SolverSettings& settings) {
+  baker::ThreadPool pool(1);
+  const baker::SolverInput input = ready.input(settings);
+  const auto solver = make_solver(input);
   std::uint64_t rays = 0;
-  while (const auto pass = solver->next(done)) {
-    baker::Lightmap after = before;
-    solver->begin(*pass, before);
-    proto::PassReport report;
-    for (std::uint32_t first = 0; first < in.texels.size(); first += stride * pass->batch_texels) {
-      const std::uint32_t end = std::min(first + pass->batch_texels, in.texels.size());
-      report.rays += solver->run(*pass, before, {first, end}, after);
-    }
-    solver->finish(*pass, before, after);
-    report.name = pass->name;
-    report.index = pass->index;
-    report.residual = 1;  // never converged: all the bounces
-    rays += report.rays;
-    done.push_back(report);
-    before = std::move(after);
-  }
+  for (const auto& pass : must(solve(*solver, ready.texels, pool, {})).passes) rays += pass.rays;
   return rays;
 }
 
@@ -111,12 +93,14 @@ void count_solves() {
   const ReadyScene ready("cornell", 0, 128);
   proto::SolverSettings settings;
   settings.bounces = 4;
-  settings.samples = 32;
+  settings.tolerance = 0;  // never converged: all the bounces
+  settings.samples = 16;
   settings.direct_samples = 16;
-  count("gather", "ray", [&] { return make_passes(ready.input(settings), 1); });
+  count("gather", "ray", [&] { return solve_once(ready, settings); });
   settings.method = proto::Method::kPath;
   settings.samples = 1;
-  count("path", "ray", [&] { return make_passes(ready.input(settings), 8); });
+  settings.bounces = 1;
+  count("path", "ray", [&] { return solve_once(ready, settings); });
 }
 
 }  // namespace

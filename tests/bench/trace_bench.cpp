@@ -1,10 +1,11 @@
 // Tracing through the product's own passes beside Embree alone with the very same rays, in turns.
 #include <benchmark/benchmark.h>
-#include <xmmintrin.h>
 
-#include <algorithm>
-#include <optional>
+#include <map>
+#include <memory>
+#include <utility>
 
+#include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/embree_tap.h"
 #include "tests/bench/ready_scene.h"
@@ -12,104 +13,84 @@
 namespace kiln::bench {
 namespace {
 
-using baker::Lightmap;
-using baker::Pass;
-using baker::TexelRange;
+constexpr std::uint32_t kSampled = 48;  ///< batches of each pass, evenly spread over the page
 
-constexpr std::uint32_t kBatches = 48;  ///< of all that a pass has, evenly spread over the page
-constexpr int kRounds = 5;
-
-/// As in the pool's threads.
-struct FlushDenormals {
-  unsigned before = _mm_getcsr();
-  FlushDenormals() { _mm_setcsr(before | 0x8040); }
-  ~FlushDenormals() { _mm_setcsr(before); }
-};
-
-/// A solver before its first pass that traces gather rays (or shadow rays).
-class PassUnderTest {
+/// Goes along with two solves on one thread: hears the rays of some batches in the first, and times
+/// the same batches in the second, each followed by its rays through Embree alone.
+class Comparison {
  public:
-  PassUnderTest(const ReadyScene& ready, const proto::SolverSettings& settings, bool shadow)
-      : input_(ready.input(settings)),
-        solver_(make_solver(input_)),
-        before_(ready.texels.size()),
-        after_(ready.texels.size()) {
-    std::vector<proto::PassReport> done;
-    while ((pass_ = solver_->next(done))) {
-      solver_->begin(*pass_, before_);
-      EmbreeTap tap;
-      for (std::uint32_t i = 0; i < kBatches; ++i) run(batch(i));
-      if ((shadow ? tap.shadow_rays() : tap.gather_rays()) > 0) return;
-      proto::PassReport report;
-      report.name = pass_->name;
-      report.index = pass_->index;
-      report.residual = 1;
-      done.push_back(report);
-    }
-    throw std::runtime_error("no pass traces such rays");
-  }
+  struct Rate {
+    double rays = 0, ours_s = 0, embree_s = 0;
+  };
+  Rate gather, shadow;
 
-  TexelRange batch(std::uint32_t i) const {
-    const std::uint32_t size = pass_->batch_texels, all = input_.texels.size() / size;
-    const std::uint32_t first = std::uint32_t(std::uint64_t(i) * all / kBatches) * size;
-    return {first, first + size};
+  void begin(bool timing) { timing_ = timing; }
+
+  /// After each batch, from the thread that made it.
+  void on_batch(const baker::Pass& pass, std::uint32_t done, std::uint32_t total) {
+    const double now = thread_seconds();
+    if (tap_) tap_->stop(), taps_[{pass.index, done - 1}] = std::move(tap_);
+    if (timing_) {
+      const auto tap = taps_.find({pass.index, done - 1});
+      if (tap != taps_.end()) compare(*tap->second, now - start_);
+    } else if (done < total && done % std::max(1u, total / kSampled) == 0) {
+      tap_ = std::make_unique<EmbreeTap>();
+    }
+    start_ = thread_seconds();
   }
-  void run(TexelRange range) { solver_->run(*pass_, before_, range, after_); }
 
  private:
-  const baker::SolverInput input_;
-  std::unique_ptr<baker::Solver> solver_;
-  Lightmap before_, after_;
-  std::optional<Pass> pass_;
+  void compare(const EmbreeTap& tap, double seconds) {
+    const std::size_t gathered = tap.gather_rays(), shadows = tap.shadow_rays();
+    if (gathered + shadows == 0) return;  // a bounce: all look-ups
+    Rate& rate = gathered > 0 ? gather : shadow;
+    rate.rays += double(gathered + shadows);
+    rate.ours_s += seconds;
+    rate.embree_s += tap.replay();
+  }
+
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::unique_ptr<EmbreeTap>> taps_;
+  std::unique_ptr<EmbreeTap> tap_;  ///< of the batch under way
+  double start_ = 0;
+  bool timing_ = false;
 };
 
-double timed(PassUnderTest& pass, TexelRange range) {
-  const double start = thread_seconds();
-  pass.run(range);
-  return thread_seconds() - start;
+void put(benchmark::State& state, const std::string& name, const Comparison::Rate& rate) {
+  state.counters[name + "_rays"] = rate.rays;
+  state.counters[name + "_Mray_per_s"] = rate.rays / rate.ours_s * 1e-6;
+  state.counters[name + "_embree_Mray_per_s"] = rate.rays / rate.embree_s * 1e-6;
+  state.counters[name + "_percent_of_embree"] = 100 * rate.embree_s / rate.ours_s;
 }
 
-void trace_rate(benchmark::State& state, bool shadow) {
-  const FlushDenormals as_in_the_pool;
+void trace_rate(benchmark::State& state) {
+  const ReadyScene& ready = ball_at_1024();
   proto::SolverSettings settings;
-  settings.samples = settings.direct_samples = std::uint32_t(state.range(0));
-  PassUnderTest pass(ball_at_1024(), settings, shadow);
-  double ours = 0, raw = 0, rays = 0;
+  settings.samples = std::uint32_t(state.range(0));
+  settings.direct_samples = std::uint32_t(state.range(0)) / 4;
+  settings.bounces = 1;
+  const baker::SolverInput input = ready.input(settings);
+  Comparison comparison;
+  baker::SolveHooks hooks;
+  hooks.on_batch = [&](const baker::Pass& pass, std::uint32_t done, std::uint32_t total) {
+    comparison.on_batch(pass, done, total);
+  };
   for (auto _ : state) {
-    ours = raw = rays = 0;
-    for (std::uint32_t i = 0; i < kBatches; ++i) {
-      const TexelRange range = pass.batch(i);
-      EmbreeTap tap;
-      pass.run(range);
-      tap.stop();
-      rays += double(tap.gather_rays() + tap.shadow_rays());
-      double best_ours = 1e9, best_raw = 1e9;
-      for (int round = 0; round < kRounds; ++round) {
-        best_ours = std::min(best_ours, timed(pass, range));
-        best_raw = std::min(best_raw, tap.replay());
-      }
-      ours += best_ours, raw += best_raw;
+    for (const bool timing : {false, true}) {
+      baker::ThreadPool pool(1);
+      comparison.begin(timing);
+      const auto solver = make_solver(input);
+      must(solve(*solver, ready.texels, pool, {}, hooks));
     }
-    state.SetIterationTime(ours);
+    state.SetIterationTime(comparison.gather.ours_s + comparison.shadow.ours_s);
   }
-  state.counters["rays"] = rays;
-  state.counters["ours_Mray_per_s"] = rays / ours * 1e-6;
-  state.counters["embree_Mray_per_s"] = rays / raw * 1e-6;
-  state.counters["percent_of_embree"] = 100 * raw / ours;
+  put(state, "gather", comparison.gather);
+  put(state, "shadow", comparison.shadow);
 }
 
-BENCHMARK_CAPTURE(trace_rate, gather, false)
+BENCHMARK(trace_rate)
     ->ArgName("samples")
     ->Arg(64)
     ->Arg(256)
-    ->Arg(1024)
-    ->Iterations(1)
-    ->UseManualTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(trace_rate, occlusion, true)
-    ->ArgName("samples")
-    ->Arg(16)
-    ->Arg(64)
     ->Iterations(1)
     ->UseManualTime()
     ->Unit(benchmark::kMillisecond);
