@@ -39,9 +39,11 @@ void TexelLookup::fill_grid() {
     const auto& v = atlas_.triangles[t];
     const Vec2 p = atlas_.vertices[v[0]].uv, e1 = atlas_.vertices[v[1]].uv - p,
                e2 = atlas_.vertices[v[2]].uv - p;
-    triangle_uv_.insert(triangle_uv_.end(), {p.x, p.y, e1.x, e1.y, e2.x, e2.y, 0, 0});
-    triangle_page_.push_back(std::int32_t(atlas_.page_of(t)) * per_page);
-    triangle_page_.push_back(scene_.material_of(t).double_sided);
+    triangles_.push_back({{p.x, p.y},
+                          {e1.x, e1.y},
+                          {e2.x, e2.y},
+                          std::int32_t(atlas_.page_of(t)) * per_page,
+                          scene_.material_of(t).double_sided});
   }
 }
 

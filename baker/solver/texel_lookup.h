@@ -24,9 +24,7 @@ class TexelLookup {
   std::int32_t pick(std::uint32_t triangle, Bary, bool back, float u) const;
 
   /// The same for the common case, sixteen at a time: for LookupKernel.
-  TexelGrid grid() const {
-    return {cells_.data(), triangle_uv_.data(), triangle_page_.data(), width_};
-  }
+  TexelGrid grid() const { return {cells_.data(), triangles_.data(), width_}; }
 
  private:
   void fill_grid();
@@ -36,9 +34,8 @@ class TexelLookup {
   const Scene& scene_;
   const Atlas& atlas_;
   const TextureGroup& texels_;
-  std::vector<std::int32_t> cells_;          ///< see TexelGrid
-  std::vector<float> triangle_uv_;           ///< see TexelGrid
-  std::vector<std::int32_t> triangle_page_;  ///< see TexelGrid
+  std::vector<std::int32_t> cells_;  ///< see TexelGrid
+  std::vector<PlacedTriangle> triangles_;
   std::int32_t width_ = 0;
 };
 

@@ -28,7 +28,8 @@ KernelInput::KernelInput() : cells_(std::size_t(kPage) * kPage) {
 
   std::iota(cells_.begin(), cells_.end(), baker::TexelGrid::kWhole);
   const float whole = float(kPage - 2);
-  triangle_uv_ = {1, 1, whole, 0, 0, whole, 0, 0, 1 + whole, 1 + whole, -whole, 0, 0, -whole};
+  triangles_ = {
+      {{{1, 1}, {whole, 0}, {0, whole}}, {{1 + whole, 1 + whole}, {-whole, 0}, {0, -whole}}}};
   for (std::uint32_t i = 0; i < 16 * kPackets; ++i) {
     const baker::SobolPoint p = baker::sobol(i);
     x.push_back(p.x), y.push_back(p.y);
@@ -55,8 +56,8 @@ void KernelInput::look_up(const baker::Kernels& k, std::uint32_t packet,
   alignas(64) std::uint32_t triangle[16], back[16] = {};
   alignas(64) float pick[16];
   for (std::uint32_t i = 0; i < 16; ++i) triangle[i] = i & 1, pick[i] = (float(i) + 0.5f) / 16;
-  k.look_up({cells_.data(), triangle_uv_.data(), triangle_page_.data(), std::int32_t(kPage)},
-            triangle, &hit_u_[first], &hit_v_[first], back, pick, texels.data());
+  k.look_up({cells_.data(), triangles_.data(), std::int32_t(kPage)}, triangle, &hit_u_[first],
+            &hit_v_[first], back, pick, texels.data());
 }
 
 }  // namespace kiln::bench

@@ -27,8 +27,7 @@ struct KernelInput {
  private:
   std::vector<std::int32_t> cells_;
   std::vector<float> hit_u_, hit_v_;
-  std::array<float, 16> triangle_uv_{};
-  std::array<std::int32_t, 4> triangle_page_{};
+  std::array<baker::PlacedTriangle, 2> triangles_{};
 };
 
 }  // namespace kiln::bench

@@ -161,12 +161,11 @@ TEST(Kernels, LightsHaveTheSameBitsInEveryInstructionSet) {
 /// A page of 8 x 8 texels, all of one chart but the last row and column, and one triangle over it.
 struct SmallPage {
   std::vector<std::int32_t> cells = std::vector<std::int32_t>(64);
-  float uv[8] = {0, 0, 8, 0, 0, 8, 0, 0};
-  std::int32_t page[2] = {0, 0};
+  PlacedTriangle triangle{{0, 0}, {8, 0}, {0, 8}, 0, 0};
   SmallPage() {
     for (int c = 0; c < 64; ++c) cells[c] = c | (c % 8 < 7 && c / 8 < 7 ? TexelGrid::kWhole : 0);
   }
-  TexelGrid grid() const { return {cells.data(), uv, page, 8}; }
+  TexelGrid grid() const { return {cells.data(), &triangle, 8}; }
 };
 
 // Over many u, the four texels around a point come up with their bilinear weights.
@@ -214,7 +213,7 @@ TEST(Kernels, LookUpTellsSkyBacksAndRims) {
     EXPECT_LT(hit[3], 64u);
     EXPECT_EQ(hit[4], kHitUnclear);
   }
-  page.page[1] = 1;  // double-sided: the back's own texel is not the kernel's to find
+  page.triangle.double_sided = 1;  // double-sided: the back's own texel is not the kernel's to find
   kernels().look_up(page.grid(), triangle, bu, bv, back, u, hit);
   EXPECT_EQ(hit[1], kHitUnclear);
 }

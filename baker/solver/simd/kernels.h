@@ -71,6 +71,15 @@ struct alignas(64) LightGroup {
 using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const float* point,
                              const float* normal, float reach, float* weight, std::uint32_t* near);
 
+/// Where a triangle lies on its page, in texels. All that a look-up reads of it is in one cache
+/// line.
+struct alignas(32) PlacedTriangle {
+  float first[2];  ///< u, v of the first corner
+  float to_second[2], to_third[2];
+  std::int32_t page = 0;  ///< its page's offset in TexelGrid::cells
+  std::int32_t double_sided = 0;
+};
+
 /// The maps from triangles to pages and from pages to texels, as the look-up kernel reads them.
 struct TexelGrid {
   static constexpr std::int32_t kWhole = 1 << 30;
@@ -79,10 +88,7 @@ struct TexelGrid {
   /// where the block of the texel with its right, lower and diagonal neighbours is covered wholly
   /// by one chart.
   const std::int32_t* cells = nullptr;
-  /// 8 per triangle: u, v of the first corner in texels, du, dv to the second, du, dv to the third.
-  const float* triangle_uv = nullptr;
-  /// 2 per triangle: offset of its page in `cells`, and 1 when its material is double-sided.
-  const std::int32_t* triangle_page = nullptr;
+  const PlacedTriangle* triangles = nullptr;
   std::int32_t width = 0;  ///< of every page
 };
 

@@ -206,8 +206,7 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
              const float* __restrict bary_u, const float* __restrict bary_v,
              const std::uint32_t* __restrict back, const float* __restrict u,
              std::uint32_t* __restrict hit) {
-  const float* __restrict uv = grid.triangle_uv;
-  const std::int32_t* __restrict page = grid.triangle_page;
+  const PlacedTriangle* __restrict placed = grid.triangles;
   const std::int32_t* __restrict cells = grid.cells;
   const std::int32_t width = grid.width;
   const float last = float(width - 2);
@@ -217,8 +216,9 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
   for (int i = 0; i < kLanes; ++i) {
     const bool met = triangle[i] != 0xffffffffu;
     const std::int32_t t = index[i];
-    const float x = uv[8 * t] + bary_u[i] * uv[8 * t + 2] + bary_v[i] * uv[8 * t + 4] - 0.5f;
-    const float y = uv[8 * t + 1] + bary_u[i] * uv[8 * t + 3] + bary_v[i] * uv[8 * t + 5] - 0.5f;
+    const PlacedTriangle& p = placed[t];
+    const float x = p.first[0] + bary_u[i] * p.to_second[0] + bary_v[i] * p.to_third[0] - 0.5f;
+    const float y = p.first[1] + bary_u[i] * p.to_second[1] + bary_v[i] * p.to_third[1] - 0.5f;
     // Blocks across the rim are never whole, so clamping only keeps reads in bounds; of lanes that
     // met nothing too, whose coordinates may be anything, even NaN.
     const float cx = x > 0 ? (x < last ? x : last) : 0, cy = y > 0 ? (y < last ? y : last) : 0;
@@ -227,10 +227,10 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
     const bool right = u[i] < fx;
     const float left_over = (right ? u[i] : u[i] - fx) / (right ? fx : 1 - fx);
     const bool down = left_over < fy;
-    const std::int32_t corner = page[2 * t] + iy * width + ix;
+    const std::int32_t corner = p.page + iy * width + ix;
     const std::int32_t cell = cells[corner];
     const std::int32_t tap = cells[corner + (down ? width : 0) + (right ? 1 : 0)];
-    const bool double_sided = page[2 * t + 1] != 0, behind = back[i] != 0;
+    const bool double_sided = p.double_sided != 0, behind = back[i] != 0;
     const bool inside = (fx >= 0) & (fx <= 1) & (fy >= 0) & (fy <= 1);
     const bool clear = (cell >= TexelGrid::kWhole) & inside & !(behind & double_sided);
     std::uint32_t h = clear ? std::uint32_t(tap & (TexelGrid::kWhole - 1)) : kHitUnclear;
