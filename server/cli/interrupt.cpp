@@ -1,7 +1,5 @@
 #include "server/cli/interrupt.h"
 
-#include <ctime>
-
 namespace kiln::cli {
 
 Interrupt::Interrupt() {
@@ -10,14 +8,16 @@ Interrupt::Interrupt() {
   ::sigaddset(&waited_, SIGTERM);
   ::pthread_sigmask(SIG_BLOCK, &waited_, &before_);
   waiter_ = std::jthread([this](const std::stop_token& done) {
-    constexpr timespec kLook{0, 100'000'000};  // How soon the end of the object is seen.
+    int signal = 0;
     while (!done.stop_requested())
-      if (::sigtimedwait(&waited_, nullptr, &kLook) > 0) stop_.request_stop();
+      if (::sigwait(&waited_, &signal) == 0 && !done.stop_requested()) stop_.request_stop();
   });
 }
 
 Interrupt::~Interrupt() {
   waiter_.request_stop();
+  // To that thread alone, where it is blocked: it ends the wait and nothing else.
+  ::pthread_kill(waiter_.native_handle(), SIGTERM);
   waiter_.join();
   ::pthread_sigmask(SIG_SETMASK, &before_, nullptr);
 }

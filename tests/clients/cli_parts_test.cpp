@@ -1,5 +1,10 @@
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <chrono>
+#include <csignal>
+
+#include "server/cli/interrupt.h"
 #include "server/cli/progress.h"
 #include "server/cli/report.h"
 #include "server/cli/settings_input.h"
@@ -104,6 +109,30 @@ TEST(Report, SaysWhatWhereAndWhatToDo) {
   EXPECT_NE(text.find("at settings /a: x"), std::string::npos);
   EXPECT_NE(text.find("hint: `lightkiln settings`"), std::string::npos);
   EXPECT_EQ(text.find('\x1b'), std::string::npos);
+}
+
+TEST(Interrupt, ASignalRequestsAStopAndNothingElse) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    const Interrupt interrupt;
+    const std::stop_token token = interrupt.token();
+    EXPECT_FALSE(token.stop_requested());
+    ::kill(::getpid(), signal);
+    for (int i = 0; i < 1000 && !token.stop_requested(); ++i) ::usleep(10'000);
+    EXPECT_TRUE(token.stop_requested());
+  }
+}
+
+TEST(Interrupt, EndsAtOnceAndWithoutAStop) {
+  const auto start = std::chrono::steady_clock::now();
+  for (int i = 0; i < 50; ++i) {
+    std::stop_token token;
+    {
+      const Interrupt interrupt;
+      token = interrupt.token();
+    }
+    EXPECT_FALSE(token.stop_requested());
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(2));
 }
 
 TEST(Progress, LinesOncePerStep) {
