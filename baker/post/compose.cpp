@@ -16,11 +16,11 @@ class Padding {
  public:
   explicit Padding(const TextureGroup::Page& page)
       : width_(page.width), height_(page.height), source_(page.texel_at.size(), kEmpty) {
-    for (std::uint32_t i = 0; i < source_.size(); ++i) {
-      if (page.texel_at[i] < 0) continue;
-      source_[i] = i;
-      ring_.push_back(i);
-    }
+    for (std::uint32_t i = 0; i < source_.size(); ++i)
+      if (page.texel_at[i] >= 0) source_[i] = i;
+    for (std::uint32_t y = 0; y < height_; ++y)
+      for (std::uint32_t x = 0; x < width_; ++x)
+        if (is_rim(x, y)) ring_.push_back(y * width_ + x);
   }
 
   /// Fills one ring; false when there was nothing left to fill.
@@ -36,6 +36,18 @@ class Padding {
   const std::vector<std::uint32_t>& sources() const { return source_; }
 
  private:
+  /// Whether a lit texel has an empty one beside it.
+  bool is_rim(std::uint32_t x, std::uint32_t y) const {
+    if (source_[std::size_t(y) * width_ + x] == kEmpty) return false;
+    const std::uint32_t x0 = x - (x > 0), x1 = std::min(x + 1, width_ - 1);
+    const std::uint32_t y1 = std::min(y + 1, height_ - 1);
+    for (std::uint32_t ny = y - (y > 0); ny <= y1; ++ny) {
+      const std::uint32_t* row = &source_[std::size_t(ny) * width_];
+      if (row[x0] == kEmpty || row[x] == kEmpty || row[x1] == kEmpty) return true;
+    }
+    return false;
+  }
+
   template <class Visit>
   void for_neighbours(std::uint32_t texel, Visit visit) const {
     const std::uint32_t x = texel % width_, y = texel / width_;
@@ -77,7 +89,7 @@ class Padding {
 
   std::uint32_t width_, height_;
   std::vector<std::uint32_t> source_;
-  std::vector<std::uint32_t> ring_;  // the texels filled last
+  std::vector<std::uint32_t> ring_;  // the texels filled last, at first the rims of charts
 };
 
 }  // namespace
