@@ -47,7 +47,7 @@ class Course {
     observer_.on_stage(stage);
     proto::JobProgress p;
     p.stage = stage_;
-    p.fraction = fraction;
+    p.fraction = risen_to(fraction);
     observer_.on_progress(p);
   }
   void leave() {
@@ -71,14 +71,23 @@ class Course {
     p.batches_done = done;
     p.batches_total = total;
     p.residual = residual;
-    p.fraction = fraction;
+    p.fraction = risen_to(fraction);
     observer_.on_progress(p);
   }
 
  private:
+  /// The work ahead is known better with every pass, but what was told is not taken back.
+  double risen_to(double fraction) {
+    double before = fraction_.load(std::memory_order_relaxed);
+    while (before < fraction && !fraction_.compare_exchange_weak(before, fraction)) {
+    }
+    return std::max(before, fraction);
+  }
+
   BakeObserver& observer_;
   proto::Statistics& statistics_;
   std::string stage_;
+  std::atomic<double> fraction_{0};
   Clock::time_point start_;
   std::atomic<Clock::rep> due_{0};
 };
@@ -100,7 +109,10 @@ void count_texels(const Atlas& atlas, const TextureGroup& texels, proto::Statist
 void count_light(const Solution& solution, proto::Statistics& s) {
   s.passes = solution.passes;
   s.tail_scale = solution.tail_scale;
-  for (const auto& p : solution.passes) s.rays += p.rays;
+  for (const auto& p : solution.passes) {
+    s.rays += p.rays;
+    if (p.standard_error) s.standard_error = p.standard_error;
+  }
   for (const float v : solution.light->validity) s.invalid_texels += v < kValidShare;
 }
 
@@ -171,8 +183,15 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   auto rays = RayScene::build(scene, stop);
   if (!rays) return Unexpected(rays.error());
   const TexelLookup lookup(scene, atlas, *texels);
-  const SolverInput solver_input{
-      scene, atlas, *texels, *rays, lights, lookup, input.settings.solver};
+  const SolverInput solver_input{scene,
+                                 atlas,
+                                 *texels,
+                                 *rays,
+                                 lights,
+                                 lookup,
+                                 input.settings.solver,
+                                 sample_plan(input.settings.solver, input.settings.quality),
+                                 input.settings.post.filter};
   const auto solver = make_solver(solver_input);
   Checkpoints checkpoints(input, stop, observer);
   SolveStart start = checkpoints.find(*solver, texels->size());
@@ -184,11 +203,10 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
     observer.on_resume(std::uint32_t(passes.size()));
     observer.on_snapshot({texels, start.light, passes.back().index});
   }
-  const double work = solver->total_work();
   SolveHooks hooks;
   hooks.enough = input.enough;
   hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
-    const double share = (work_done + pass.work * done / total) / work;
+    const double share = (work_done + pass.work * done / total) / solver->total_work();
     course.batch(pass, done, total, solver->max_passes(), residual,
                  kSolvingFrom + (kSolvedAt - kSolvingFrom) * std::min(1.0, share));
   };
@@ -252,7 +270,8 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
 
   course.enter("output", kSolvedAt);
   manifest.statistics.peak_memory_bytes = peak_memory_bytes();
-  const OutputInput output{input.files, *scene, *atlas, *texels, *solution->light};
+  const OutputInput output{input.files, *scene,           *atlas,
+                           *texels,     *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, stop); !ok)
     return Unexpected(ok.error());
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)

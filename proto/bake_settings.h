@@ -26,16 +26,46 @@ struct AtlasSettings {
   std::uint32_t gutter = 4;  ///< empty texels around each chart that we place
 };
 
+/// Quality by name: each stands for a target error, see target_error().
+enum class Preset { kDraft, kPreview, kProduction, kReference };
+
+struct QualitySettings {
+  Preset preset = Preset::kProduction;
+  std::optional<float> target_error;  ///< relative; null: that of the preset
+  std::uint32_t max_samples = 4096;   ///< per texel, of each kind, where a target asks for more
+};
+
+/// Relative standard error, 95th percentile over the texels, that a bake samples down to.
+constexpr float target_error(Preset preset) {
+  switch (preset) {
+    case Preset::kDraft:
+      return 0.1f;
+    case Preset::kPreview:
+      return 0.03f;
+    case Preset::kProduction:
+      break;
+    case Preset::kReference:
+      return 0.0025f;
+  }
+  return 0.01f;
+}
+inline float target_error(const QualitySettings& q) {
+  return q.target_error.value_or(target_error(q.preset));
+}
+
 enum class Method { kGather, kPath };
 
 struct SolverSettings {
   Method method = Method::kGather;
-  std::uint32_t bounces = 16;         ///< diffuse bounces after direct light
-  std::uint32_t samples = 256;        ///< indirect directions (gather) or paths (path) per texel
-  std::uint32_t direct_samples = 64;  ///< shadow rays per texel towards area lights (gather)
-  bool coarse_indirect = true;        ///< gather every second texel, interpolate between (gather)
-  float tolerance = 0.001f;           ///< stop when a bounce changes E by less than this share
-  std::uint64_t seed = 1;             ///< below 2^53, so that JSON keeps it
+  std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
+  /// Indirect directions (gather) or paths (path) per texel; null: as many as the quality asks for.
+  std::optional<std::uint32_t> samples;
+  /// Shadow rays per texel towards area lights (gather); null: as many as the quality asks for.
+  std::optional<std::uint32_t> direct_samples;
+  std::uint32_t hit_memory_mib = 1024;  ///< for remembered hits (gather)
+  bool coarse_indirect = true;          ///< gather every second texel, interpolate between (gather)
+  float tolerance = 0.001f;             ///< stop when a bounce changes E by less than this share
+  std::uint64_t seed = 1;               ///< below 2^53, so that JSON keeps it
 };
 
 struct SkySettings {
@@ -59,6 +89,7 @@ struct LightSettings {
 };
 
 struct PostSettings {
+  bool filter = true;        ///< smooth indirect light where that lowers its error (gather)
   std::uint32_t dilate = 4;  ///< texels of padding filled around charts; 0: the whole page
 };
 
@@ -66,13 +97,14 @@ enum class Precision { kHalf, kFloat };
 
 struct OutputSettings {
   Precision precision = Precision::kHalf;
-  std::vector<std::string> layers{"irradiance"};  ///< irradiance, direct, indirect
+  std::vector<std::string> layers{"irradiance"};  ///< see the settings' table
   std::vector<std::string> formats{"exr", "png", "glb"};
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
 };
 
 struct BakeSettings {
   AtlasSettings atlas;
+  QualitySettings quality;
   SolverSettings solver;
   SkySettings sky;
   std::vector<LightSettings> lights;

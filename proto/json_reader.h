@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -33,6 +34,14 @@ class JsonReader {
     const auto* value = find(key);
     if (value != nullptr && value->is_null()) return out.clear();
     read(key, out);
+  }
+
+  void read(const char* key, std::optional<double>& out) {
+    const auto* value = find(key);
+    if (value == nullptr || value->is_null()) return out.reset();
+    double number = 0;
+    read(key, number);
+    out = number;
   }
 
   void read(const char* key, std::array<float, 2>& out) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -44,6 +45,8 @@ struct PassReport {
   double mean_lx = 0;       ///< area-weighted mean E after the pass
   double seconds = 0;
   std::uint64_t rays = 0;
+  /// 95th percentile over the texels of the relative standard error, once all bounces are there.
+  std::optional<double> standard_error;
 };
 
 struct StageReport {
@@ -57,6 +60,7 @@ struct Statistics {
   std::uint64_t albedo_capped_texels = 0;  ///< texels whose albedo was over 0.98
   std::uint64_t invalid_texels = 0;        ///< most of their rays met back faces
   double texels_per_metre = 0;
+  std::optional<double> standard_error;  ///< see PassReport
   double tail_scale = 1;  ///< factor on the last bounce's update for the bounces not computed
   std::uint64_t peak_memory_bytes = 0;
   std::vector<StageReport> stages;

@@ -11,6 +11,9 @@ using nlohmann::json;
 
 constexpr std::uint32_t kManifestVersion = 1;
 
+json or_null(const std::optional<double>& v) {
+  return v ? json(*v) : json(nullptr);
+}
 json number(float v) {
   return shortest_number(v);
 }
@@ -58,6 +61,7 @@ json statistics_json(const Statistics& s) {
           {"invalid_texels", s.invalid_texels},
           {"texels_per_metre", s.texels_per_metre},
           {"tail_scale", s.tail_scale},
+          {"standard_error", or_null(s.standard_error)},
           {"peak_memory_bytes", s.peak_memory_bytes},
           {"stages", list(s.stages, stage_json)},
           {"passes", list(s.passes, [](const PassReport& p) { return to_json(p); })}};
@@ -70,6 +74,7 @@ void read_pass(JsonReader& in, PassReport& out) {
   in.read("mean_lx", out.mean_lx);
   in.read("seconds", out.seconds);
   in.read("rays", out.rays);
+  in.read("standard_error", out.standard_error);
 }
 
 void read_statistics(JsonReader in, Statistics& out) {
@@ -84,6 +89,7 @@ void read_statistics(JsonReader in, Statistics& out) {
   in.read("invalid_texels", out.invalid_texels);
   in.read("texels_per_metre", out.texels_per_metre);
   in.read("tail_scale", out.tail_scale);
+  in.read("standard_error", out.standard_error);
   in.read("peak_memory_bytes", out.peak_memory_bytes);
   in.read_list("stages", out.stages, [](JsonReader& item, StageReport& s) {
     item.read("name", s.name);
@@ -141,8 +147,13 @@ void read_settings(JsonReader& in, BakeSettings& out, ProblemList& problems) {
 }  // namespace
 
 json to_json(const PassReport& p) {
-  return {{"name", p.name},       {"index", p.index},     {"residual", p.residual},
-          {"mean_lx", p.mean_lx}, {"seconds", p.seconds}, {"rays", p.rays}};
+  return {{"name", p.name},
+          {"index", p.index},
+          {"residual", p.residual},
+          {"mean_lx", p.mean_lx},
+          {"seconds", p.seconds},
+          {"rays", p.rays},
+          {"standard_error", or_null(p.standard_error)}};
 }
 
 json to_json(const Warning& w) {

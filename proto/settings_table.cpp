@@ -21,6 +21,8 @@ json to_value(const T& v, const SettingSpec& spec) {
     return shortest_number(v);
   } else if constexpr (std::is_same_v<T, std::optional<float>>) {
     return v ? json(shortest_number(*v)) : json(nullptr);
+  } else if constexpr (std::is_same_v<T, std::optional<std::uint32_t>>) {
+    return v ? json(*v) : json(nullptr);
   } else if constexpr (std::is_same_v<T, std::array<float, 3>>) {
     return json{shortest_number(v[0]), shortest_number(v[1]), shortest_number(v[2])};
   } else {
@@ -36,6 +38,8 @@ void from_value(T& out, const json& v, const SettingSpec& spec) {
     out = static_cast<T>(index);
   } else if constexpr (std::is_same_v<T, std::optional<float>>) {
     out = v.is_null() ? std::nullopt : std::optional<float>(v.get<float>());
+  } else if constexpr (std::is_same_v<T, std::optional<std::uint32_t>>) {
+    out = v.is_null() ? std::nullopt : std::optional<std::uint32_t>(v.get<std::uint32_t>());
   } else {
     v.get_to(out);
   }
@@ -72,6 +76,7 @@ constexpr std::uint32_t kAimed =
 const std::vector<SettingGroup>& setting_groups() {
   static const std::vector<SettingGroup> groups{
       {"atlas", "Where the surfaces lie on the lightmap's pages"},
+      {"quality", "How exact the light shall be"},
       {"solver", "How light is computed"},
       {"sky", "Light from outside the scene"},
       {"post", "What happens to a finished page"},
@@ -102,6 +107,21 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "atlas.gutter", .kind = kInteger, .min = 0, .max = 64, .unit = "texels",
            .description = "Empty texels around each chart that is placed by the baker. "
                           "Twice the gutter must be less than page_size."}),
+      row<[](auto& s) -> auto& { return s.quality.preset; }>(
+          {.path = "quality.preset", .kind = kChoice,
+           .choices = {"draft", "preview", "production", "reference"},
+           .description = "A target_error by name: draft 0.1, preview 0.03, production 0.01, "
+                          "reference 0.0025."}),
+      row<[](auto& s) -> auto& { return s.quality.target_error; }>(
+          {.path = "quality.target_error", .kind = kNumber, .min = 0.0005, .max = 1,
+           .nullable = true,
+           .description = "Standard error of a texel's luminance, relative to the luminance plus 2 % "
+                          "of the scene's mean, that 95 of 100 texels shall not exceed. Samples are "
+                          "doubled where it is higher. null: that of the preset."}),
+      row<[](auto& s) -> auto& { return s.quality.max_samples; }>(
+          {.path = "quality.max_samples", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "samples/texel",
+           .description = "Limit on directions, and on shadow rays, that target_error may ask for."}),
       row<[](auto& s) -> auto& { return s.solver.method; }>(
           {.path = "solver.method", .kind = kChoice, .choices = {"gather", "path"},
            .description = "gather: direct light by explicit sampling, bounces by gathering from the "
@@ -112,12 +132,19 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Limit on diffuse bounces after direct light."}),
       row<[](auto& s) -> auto& { return s.solver.samples; }>(
           {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
-           .unit = "samples/texel",
-           .description = "Indirect directions (gather) or paths (path) per texel."}),
+           .nullable = true, .unit = "samples/texel",
+           .description = "Indirect directions (gather) or paths (path) of every texel. null: as many "
+                          "as target_error asks for (gather), 256 (path)."}),
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
-           .unit = "samples/texel",
-           .description = "Shadow rays per texel towards area lights (gather)."}),
+           .nullable = true, .unit = "samples/texel",
+           .description = "Shadow rays of every texel towards area lights (gather). null: as many as "
+                          "target_error asks for."}),
+      row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
+          {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
+           .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
+                          "need no rays (gather). Where it can't hold those of all samples, fewer "
+                          "feed the bounces, and the rest are followed once at the end."}),
       row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
           {.path = "solver.coarse_indirect", .kind = kBoolean,
            .description = "Gather indirect light at every second texel of a row and of a column, and "
@@ -137,6 +164,10 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.allow_dark; }>(
           {.path = "allow_dark", .kind = kBoolean,
            .description = "Bake a scene without any light instead of the error no_light."}),
+      row<[](auto& s) -> auto& { return s.post.filter; }>(
+          {.path = "post.filter", .kind = kBoolean,
+           .description = "Smooth sky and indirect light where two halves of the samples show that it "
+                          "lowers the error (gather)."}),
       row<[](auto& s) -> auto& { return s.post.dilate; }>(
           {.path = "post.dilate", .kind = kInteger, .min = 0, .max = 16384, .unit = "texels",
            .description = "Padding around charts that is filled from them. 0: the whole page."}),
@@ -146,8 +177,11 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "written as float all the same, with a warning. float: 32 bit."}),
       row<[](auto& s) -> auto& { return s.output.layers; }>(
           {.path = "output.layers", .kind = kChoices,
-           .choices = {"irradiance", "direct", "indirect"},
-           .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A."}),
+           .choices = {"irradiance", "direct", "indirect", "raw", "standard_error", "samples"},
+           .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A. raw: the "
+                          "irradiance before the filter. standard_error: of its luminance, lx: R all, "
+                          "G of direct, B of sky and indirect light. samples: R directions, G shadow "
+                          "rays, B 0."}),
       row<[](auto& s) -> auto& { return s.output.formats; }>(
           {.path = "output.formats", .kind = kChoices, .choices = {"exr", "png", "glb"},
            .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "

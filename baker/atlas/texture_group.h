@@ -14,6 +14,8 @@ namespace kiln::baker {
 
 class ThreadPool;
 
+inline constexpr std::int32_t kNoTexel = -1;
+
 /// A half-open run of texel indices.
 struct TexelRange {
   std::uint32_t begin = 0, end = 0;
@@ -40,7 +42,7 @@ struct TextureGroup {
 
   struct Page {
     std::uint32_t width = 0, height = 0;
-    std::vector<std::int32_t> texel_at;  ///< row-major, row 0 = top; -1: empty
+    std::vector<std::int32_t> texel_at;  ///< row-major, row 0 = top; kNoTexel: empty
   };
   std::vector<Page> pages;
   std::uint32_t front_count = 0;
@@ -66,6 +68,16 @@ struct TextureGroup {
   bool is_back(std::uint32_t texel) const { return texel >= front_count; }
   std::span<const SamplePoint> points_of(std::uint32_t texel) const {
     return {points.data() + std::size_t(texel) * kPointsPerTexel, kPointsPerTexel};
+  }
+  /// The texel so far right and down on the page, if it is of the same chart and side; kNoTexel
+  /// otherwise.
+  std::int32_t neighbour(std::uint32_t texel, int dx, int dy) const {
+    const Page& on = pages[page[texel]];
+    const int nx = x[texel] + dx, ny = y[texel] + dy;
+    if (nx < 0 || ny < 0 || nx >= int(on.width) || ny >= int(on.height)) return kNoTexel;
+    const std::int32_t n = on.texel_at[std::size_t(ny) * on.width + std::size_t(nx)];
+    if (n == kNoTexel || chart[n] != chart[texel]) return kNoTexel;
+    return is_back(texel) ? back[n] : n;
   }
 };
 

@@ -14,6 +14,7 @@
 #include "baker/post/post.h"
 #include "baker/scene/import.h"
 #include "baker/scene/scene.h"
+#include "baker/solver/filter/filter_bank.h"
 #include "baker/solver/lightmap.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -64,6 +65,7 @@ struct OutputInput {
   const Atlas& atlas;
   const TextureGroup& texels;
   const Lightmap& light;
+  const FilteredLight& filtered;
 };
 /// Writes all the files that settings ask for into `dir`, each as a temporary that is flushed and
 /// renamed when whole. Fills pages, nodes, files and warnings of `manifest`, whose other members

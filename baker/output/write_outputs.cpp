@@ -24,18 +24,30 @@ std::string page_name(std::uint32_t page, const char* extension) {
   return std::string("page_").append(digits.size() < 2 ? "0" : "").append(digits).append(extension);
 }
 
-/// The planes of one layer, one value per texel of the group.
-proto::Expected<std::vector<Rgb>> layer_values(const Lightmap& light, const std::string& layer) {
-  if (layer == "direct") {
-    std::vector<Rgb> sum(light.size());
-    for (std::uint32_t i = 0; i < light.size(); ++i) sum[i] = light.direct[i] + light.sky[i];
-    return sum;
-  }
-  if (layer == "indirect") return light.indirect;
-  if (layer != "irradiance") return fail("internal", "there is no layer '" + layer + "'");
-  std::vector<Rgb> sum(light.size());
-  for (std::uint32_t i = 0; i < light.size(); ++i) sum[i] = light.irradiance(i);
-  return sum;
+/// The plane of one layer, one value per texel of the group.
+proto::Expected<std::vector<Rgb>> layer_values(const OutputInput& in, const std::string& layer) {
+  const Lightmap& light = in.light;
+  const FilteredLight& shown = in.filtered;
+  const auto plane = [&](const auto& value) -> std::vector<Rgb> {
+    std::vector<Rgb> values(light.size());
+    for (std::uint32_t i = 0; i < light.size(); ++i) values[i] = value(i);
+    return values;
+  };
+  if (layer == "irradiance")
+    return plane([&](auto i) { return shown.direct[i] + shown.sky[i] + shown.indirect[i]; });
+  if (layer == "direct") return plane([&](auto i) { return shown.direct[i] + shown.sky[i]; });
+  if (layer == "indirect") return shown.indirect;
+  if (layer == "raw") return plane([&](auto i) { return light.irradiance(i); });
+  if (layer == "standard_error")
+    return plane([&](auto i) {
+      const float direct = shown.direct_variance[i], gathered = shown.gathered_variance[i];
+      return Rgb{std::sqrt(direct + gathered), std::sqrt(direct), std::sqrt(gathered)};
+    });
+  if (layer == "samples")
+    return plane([&](auto i) {
+      return Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0};
+    });
+  return fail("internal", "there is no layer '" + layer + "'");
 }
 
 struct Layer {
@@ -64,11 +76,11 @@ class Writer {
  private:
   proto::Expected<void> load_layers() {
     for (const std::string& name : settings_.output.layers) {
-      auto values = layer_values(in_.light, name);
+      auto values = layer_values(in_, name);
       if (!values) return Unexpected(values.error());
       layers_.push_back({name, std::move(*values)});
     }
-    auto irradiance = layer_values(in_.light, "irradiance");
+    auto irradiance = layer_values(in_, "irradiance");
     if (!irradiance) return Unexpected(irradiance.error());
     irradiance_ = std::move(*irradiance);
     return {};
@@ -157,7 +169,7 @@ class Writer {
         {"lightkiln:page", std::to_string(page)},
         {"lightkiln:method", solver.method == proto::Method::kPath ? "path" : "gather"},
         {"lightkiln:bounces", std::to_string(solver.bounces)},
-        {"lightkiln:samples", std::to_string(solver.samples)},
+        {"lightkiln:samples", solver.samples ? std::to_string(*solver.samples) : "adaptive"},
         {"lightkiln:seed", std::to_string(solver.seed)},
         {"lightkiln:sceneSha256", manifest_.scene_sha256},
         {"lightkiln:settingsSha256", proto::sha256_hex(proto::to_json(settings_).dump())},

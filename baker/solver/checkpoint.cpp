@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using proto::Expected;
 
 using Magic = std::array<char, 8>;
-constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '2'};
+constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '3'};
 constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
 constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
 constexpr const char* kStateFile = "state.bin";
@@ -98,11 +98,18 @@ void write_report(Writer& w, const proto::PassReport& p) {
   w.value(p.mean_lx);
   w.value(p.seconds);
   w.value(p.rays);
+  w.value(std::uint8_t(p.standard_error.has_value()));
+  w.value(p.standard_error.value_or(0));
 }
 
 bool read_report(Reader& r, proto::PassReport& p) {
-  return r.text(p.name) && r.value(p.index) && r.value(p.residual) && r.value(p.mean_lx) &&
-         r.value(p.seconds) && r.value(p.rays);
+  std::uint8_t judged = 0;
+  double error = 0;
+  const bool whole = r.text(p.name) && r.value(p.index) && r.value(p.residual) &&
+                     r.value(p.mean_lx) && r.value(p.seconds) && r.value(p.rays) &&
+                     r.value(judged) && r.value(error);
+  if (judged != 0) p.standard_error = error;
+  return whole;
 }
 
 /// The light after a finished pass, as a file holds it.
@@ -121,11 +128,14 @@ bool read_light(Reader& r, std::uint64_t file_bytes, StoredLight& out) {
   if (!r.value(passes) || passes > file_bytes) return false;
   for (std::uint32_t i = 0; i < passes; ++i)
     if (!read_report(r, out.passes.emplace_back())) return false;
-  constexpr std::uint64_t kTexelBytes = 3 * sizeof(Rgb) + sizeof(float);
-  if (!r.value(texels) || texels * kTexelBytes > file_bytes) return false;
+  std::uint64_t texel_bytes = 0;
+  const Lightmap none;
+  Lightmap::for_planes(none, [&](const auto& plane) { texel_bytes += sizeof(*plane.data()); });
+  if (!r.value(texels) || texels * texel_bytes > file_bytes) return false;
   auto light = std::make_shared<Lightmap>(texels);
-  const bool whole = r.plane(light->direct) && r.plane(light->sky) && r.plane(light->indirect) &&
-                     r.plane(light->validity) && r.sealed();
+  bool whole = true;
+  Lightmap::for_planes(*light, [&](auto& plane) { whole = whole && r.plane(plane); });
+  whole = whole && r.sealed();
   out.light = std::move(light);
   return whole;
 }
@@ -214,10 +224,7 @@ Expected<void> write_checkpoint(const fs::path& dir, const std::string& key,
       w.value(std::uint32_t(passes.size()));
       for (const auto& p : passes) write_report(w, p);
       w.value(light.size());
-      w.plane(light.direct);
-      w.plane(light.sky);
-      w.plane(light.indirect);
-      w.plane(light.validity);
+      Lightmap::for_planes(light, [&](const auto& plane) { w.plane(plane); });
     });
   });
 }
@@ -254,16 +261,10 @@ Expected<std::optional<SolveStart>> read_checkpoint(const fs::path& dir, const s
     if (!second) return proto::Unexpected(second.error());
     return std::nullopt;
   }
-  SolveStart start{std::move((*first)->passes), std::move((*first)->light), nullptr};
-  if (passes(second) + 1 == start.passes.size() && second && *second)
-    start.earlier = std::move((*second)->light);
-  const fs::path newest = dir / kPassFiles[start.passes.size() % 2];
+  SolveStart start{std::move((*first)->passes), std::move((*first)->light)};
   bool filled = false;
-  if (start.light->size() != texels || (start.earlier && start.earlier->size() != texels) ||
-      !are_passes_of(solver, start.passes, filled))
-    return unusable(newest, "is of another bake");
-  if (!start.earlier && start.passes.size() > 1 && !solver.next(start.passes))
-    return unusable(newest, "needs the one before it, which is damaged");
+  if (start.light->size() != texels || !are_passes_of(solver, start.passes, filled))
+    return unusable(dir / kPassFiles[start.passes.size() % 2], "is of another bake");
   if (filled)
     if (auto ok = read_state(dir / kStateFile, key, solver.state(), stop); !ok)
       return proto::Unexpected(ok.error());

@@ -13,20 +13,14 @@ constexpr float kSameTurn = 0.95f;
 }  // namespace
 
 CoarseSites::Sites CoarseSites::around(std::uint32_t texel) const {
-  const bool back = texels_.is_back(texel);
-  const int x = texels_.x[texel], y = texels_.y[texel];
-  const int dx = x & 1, dy = y & 1;
+  const int dx = texels_.x[texel] & 1, dy = texels_.y[texel] & 1;
   Sites sites;
   if (!dx && !dy) return sites;
-  const TextureGroup::Page& page = texels_.pages[texels_.page[texel]];
   for (int k = 0; k < 4; ++k) {
     // Left and right in odd columns, above and below in odd rows, the corners in both.
     if ((!dx && (k & 1)) || (!dy && (k & 2))) continue;
-    const int sx = x + (k & 1 ? dx : -dx), sy = y + (k & 2 ? dy : -dy);
-    if (sx < 0 || sy < 0 || sx >= int(page.width) || sy >= int(page.height)) return {};
-    std::int32_t site = page.texel_at[std::size_t(sy) * page.width + sx];
-    if (site != kNoTexel && back) site = texels_.back[site];
-    if (site == kNoTexel || texels_.chart[site] != texels_.chart[texel]) return {};
+    const std::int32_t site = texels_.neighbour(texel, k & 1 ? dx : -dx, k & 2 ? dy : -dy);
+    if (site == kNoTexel) return {};
     if (dot(texels_.shading_normal[site], texels_.shading_normal[texel]) < kSameTurn) return {};
     sites.texel[sites.count++] = std::uint32_t(site);
   }

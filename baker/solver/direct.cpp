@@ -57,13 +57,22 @@ struct LightDistribution {
   }
 };
 
+/// Light that arrived, in two halves of the samples, each of which is an estimate of half of it.
+struct Halves {
+  Rgb half[2];
+
+  Rgb sum() const { return half[0] + half[1]; }
+  Rgb spread() const { return half[0] - half[1]; }
+};
+
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
  public:
   explicit ShadowBatch(const RayScene& rays) : rays_(rays) {}
 
-  void add(Vec3 origin, const ShadowRay& ray, Rgb value) {
+  void add(Vec3 origin, const ShadowRay& ray, Rgb value, bool second_half) {
     packet_.set(waiting_, origin, ray.direction, ray.far);
+    second_[waiting_] = second_half;
     value_[waiting_++] = value;
     if (waiting_ == 16) flush();
   }
@@ -72,13 +81,13 @@ class ShadowBatch {
     packet_.activate_first(waiting_);
     const std::uint32_t blocked = rays_.occluded(packet_);
     for (std::uint32_t i = 0; i < waiting_; ++i)
-      if (!(blocked >> i & 1)) sum_ += value_[i];
+      if (!(blocked >> i & 1)) sum_.half[second_[i]] += value_[i];
     traced_ += waiting_;
     waiting_ = 0;
   }
-  Rgb take_sum() {
+  Halves take_sum() {
     flush();
-    return std::exchange(sum_, Rgb{});
+    return std::exchange(sum_, Halves{});
   }
   std::uint64_t traced() const { return traced_; }
 
@@ -86,9 +95,17 @@ class ShadowBatch {
   const RayScene& rays_;
   RayPacket packet_;
   std::uint32_t waiting_ = 0;
+  bool second_[16];
   Rgb value_[16];
-  Rgb sum_;
+  Halves sum_;
   std::uint64_t traced_ = 0;
+};
+
+/// What a part of the direct light brings.
+struct Arrived {
+  Rgb irradiance, spread;
+
+  void add(const Halves& h) { irradiance += h.sum(), spread += h.spread(); }
 };
 
 /// Cosine at the receiver; 0 below either horizon.
@@ -97,6 +114,9 @@ float receiver_cosine(const Footprint& at, std::uint32_t point, Vec3 direction) 
   return std::max(0.f, dot(at.shading_normal[point], direction));
 }
 
+/// From every point of the footprint. No part of its spread: the points are the same whatever the
+/// number of samples, and two halves of them differ by far more than all of them from the
+/// footprint.
 Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shadows) {
   constexpr float kShare = 1.f / Footprint::kPoints;
   for (const PunctualLight& light : in.lights.punctual())
@@ -104,16 +124,17 @@ Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shad
       const PunctualArrival a = arrive(light, at.position[i]);
       const float cosine = receiver_cosine(at, i, a.direction);
       const Rgb value = a.irradiance * (cosine * kShare);
-      if (!is_black(value)) shadows.add(at.origin[i], a.shadow_ray(at.origin[i]), value);
+      if (!is_black(value)) shadows.add(at.origin[i], a.shadow_ray(at.origin[i]), value, false);
     }
-  return shadows.take_sum();
+  return shadows.take_sum().sum();
 }
 
-/// Light from the area lights by `count` samples in all, drawn systematically from `lights`, whose
-/// sum is 1. Unbiased.
-Rgb sampled_light(const SolverInput& in, const Footprint& at, std::span<const float> probability,
-                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
-  const float start = to_unit(hash(seed, 1));
+/// Light from the area lights by `count` samples, drawn systematically from `probability`, whose
+/// sum is 1. Unbiased. `first` samples were drawn before.
+Halves sampled_light(const SolverInput& in, const Footprint& at, std::span<const float> probability,
+                     std::uint32_t first, std::uint32_t count, std::uint32_t seed,
+                     ShadowBatch& shadows) {
+  const float start = to_unit(hash(seed, 1, first));
   const std::uint32_t point_flip = hash(seed, 2);
   std::size_t l = 0;
   float below = 0;  // summed probability of the lights before l
@@ -125,11 +146,13 @@ Rgb sampled_light(const SolverInput& in, const Footprint& at, std::span<const fl
     // Runs of four and strides of four both spread over the footprint: neither the part of a light
     // nor the stratum of the net that a run makes goes with one point alone.
     const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
+    // Every second draw is a systematic sample by itself; so are both halves of the sequence.
+    const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
     const LightSample s =
-        in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(k), seed));
+        in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(point), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * probability[l]));
-    if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value);
+    if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);
   }
   return shadows.take_sum();
 }
@@ -154,7 +177,8 @@ class FewLights {
   explicit FewLights(const SolverInput& in)
       : in_(in), lamp_(in), views_(in.lights.area().size()), share_(views_.size()) {}
 
-  Rgb run(const Footprint& at, std::uint32_t seed, ShadowBatch& shadows) {
+  void run(const Footprint& at, std::uint32_t first, std::uint32_t count, std::uint32_t seed,
+           ShadowBatch& shadows, Arrived& to) {
     const PointFrames frames = at.frames();
     const auto& lights = in_.lights.area();
     float total = 0;
@@ -162,25 +186,28 @@ class FewLights {
       views_[l] = lamp_.view(lights[l], at, frames);
       total += share_[l] = luminance(lights[l].radiance) * views_[l].mean;
     }
-    if (!(total > 0)) return {};
-    const auto samples = float(in_.settings.direct_samples);
-    Rgb sum;
+    if (!(total > 0)) return;
     float rest = 0;
     for (std::size_t l = 0; l < lights.size(); ++l) {
-      const float packets = samples / Footprint::kPoints * (share_[l] / total);
+      // The share is the same in every round, so those before took their part of the sequence.
+      const float packets = float(count) / Footprint::kPoints * (share_[l] / total),
+                  before = float(first) / Footprint::kPoints * (share_[l] / total);
       if (lights[l].is_uniform() && packets >= kLampPackets) {
-        const float e =
-            lamp_.irradiance(lights[l], views_[l], at, frames, std::uint32_t(std::lround(packets)),
-                             hash(seed, std::uint32_t(l)), traced_);
-        sum += lights[l].radiance * e;
+        const LampLight::Arrived a = lamp_.arrive(
+            lights[l], views_[l], at, frames, std::uint32_t(std::lround(before)),
+            std::uint32_t(std::lround(packets)), hash(seed, std::uint32_t(l)), traced_);
+        to.irradiance += lights[l].radiance * a.irradiance;
+        to.spread += lights[l].radiance * a.spread;
         share_[l] = 0;
       }
       rest += share_[l];
     }
-    if (!(rest > 0)) return sum;
+    if (!(rest > 0)) return;
     for (float& share : share_) share /= rest;
-    const auto count = std::uint32_t(std::ceil(samples * (rest / total)));
-    return sum + sampled_light(in_, at, share_, count, seed, shadows);
+    const auto part = [&](std::uint32_t n) {
+      return std::uint32_t(std::ceil(float(n) * (rest / total)));
+    };
+    to.add(sampled_light(in_, at, share_, part(first), part(count), seed, shadows));
   }
   std::uint64_t traced() const { return traced_; }
 
@@ -197,7 +224,8 @@ class FewLights {
 
 }  // namespace
 
-std::uint64_t DirectLight::run(TexelRange range, std::span<Rgb> irradiance) const {
+std::uint64_t DirectLight::run(TexelRange range, std::uint32_t first, std::uint32_t count,
+                               std::span<Rgb> irradiance, std::span<Rgb> spread) const {
   const std::size_t light_count = in_.lights.area().size();
   const bool few = light_count <= kFewLights;
   FewLights few_lights(in_);
@@ -208,12 +236,14 @@ std::uint64_t DirectLight::run(TexelRange range, std::span<Rgb> irradiance) cons
       pilot_tile(in_, {t, std::min(t + kTileTexels, in_.texels.size())}, lights);
     const Footprint at(in_, t);
     const std::uint32_t seed = texel_seed(in_, t, Purpose::kDirect);
-    Rgb e = punctual_light(in_, at, shadows);
+    Arrived arrived;
+    arrived.irradiance = punctual_light(in_, at, shadows);
     if (light_count > 0 && few)
-      e += few_lights.run(at, seed, shadows);
+      few_lights.run(at, first, count, seed, shadows, arrived);
     else if (light_count > 0)
-      e += sampled_light(in_, at, lights.probability, in_.settings.direct_samples, seed, shadows);
-    irradiance[t] = e;
+      arrived.add(sampled_light(in_, at, lights.probability, first, count, seed, shadows));
+    irradiance[t] = arrived.irradiance;
+    spread[t] = arrived.spread;
   }
   return shadows.traced() + few_lights.traced();
 }

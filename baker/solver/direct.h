@@ -8,7 +8,7 @@
 
 namespace kiln::baker {
 
-/// Direct light by explicit sampling. Area lights share `direct_samples` shadow rays per texel by
+/// Direct light by explicit sampling. Area lights share the shadow rays of a texel by
 /// their unoccluded contributions. Where lights are few, those that earn a ray from each point are
 /// lamps (see LampLight); the others, and all where they are many, are drawn systematically from
 /// the distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
@@ -17,10 +17,14 @@ class DirectLight {
  public:
   explicit DirectLight(const SolverInput& in) : in_(in) {}
 
-  /// Irradiance, lx, of the texels of `range` into `irradiance` (indexed by texel).
+  /// Irradiance, lx, of the texels of `range` into `irradiance`, and half the difference
+  /// between two halves of the rays into `spread` (both indexed by texel).
   /// @param range begins at a multiple of 16
+  /// @param first shadow rays that were sent before, of the same sequence
+  /// @param count shadow rays towards area lights
   /// @return rays traced
-  std::uint64_t run(TexelRange range, std::span<Rgb> irradiance) const;
+  std::uint64_t run(TexelRange range, std::uint32_t first, std::uint32_t count,
+                    std::span<Rgb> irradiance, std::span<Rgb> spread) const;
 
  private:
   const SolverInput& in_;

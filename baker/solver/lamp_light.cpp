@@ -11,54 +11,63 @@ namespace kiln::baker {
 namespace {
 
 constexpr std::uint32_t kPoints = Footprint::kPoints;
-/// Where the unoccluded light varies by more than this share over the footprint, each point has a
-/// visible share of its own, from two packets on; elsewhere the whole texel has one, from more
-/// rays.
-constexpr float kEven = 0.1f;
-
-/// What the shadow rays of a texel found, a lane per point.
+/// What the shadow rays of a texel found, in two halves.
 class Tally {
  public:
-  explicit Tally(const LampLight::View& view) : view_(view) {
-    const auto [low, high] = std::minmax_element(view.irradiance, view.irradiance + kPoints);
-    even_ = *high - *low <= kEven * view.mean;
-  }
+  explicit Tally(const LampLight::View& view) : view_(view) {}
 
-  void add(const RayPacket& rays, const LightRays& to, std::uint32_t blocked) {
+  /// @param second bits of the points whose ray belongs to the second half
+  void add(const RayPacket& rays, const LightRays& to, std::uint32_t blocked,
+           std::uint32_t second) {
     for (std::uint32_t i = 0; i < kPoints; ++i) {
       const float weight = rays.active >> i & 1 ? to.weight[i] : 0.f;
-      sent_[i] += weight;
-      arrived_[i] += blocked >> i & 1 ? 0.f : weight;
+      Sums& half = half_[second >> i & 1];
+      half.sent += weight;
+      half.arrived += blocked >> i & 1 ? 0.f : weight;
+      half.rays += 1;
     }
-    ++packets_;
   }
 
-  float irradiance() const {
-    float sent = 0, arrived = 0, sum = 0;
-    for (std::uint32_t i = 0; i < kPoints; ++i) {
-      sent += sent_[i], arrived += arrived_[i];
-      if (sent_[i] > 0) sum += view_.irradiance[i] * (arrived_[i] / sent_[i]);
-    }
-    if (!view_.exact) return arrived / float(packets_ * kPoints);
-    if (packets_ > 1 && !even_) return sum / kPoints;
-    return sent > 0 ? view_.mean * (arrived / sent) : 0;
+  LampLight::Arrived arrived() const {
+    const Sums &a = half_[0], &b = half_[1];
+    const Sums all{a.sent + b.sent, a.arrived + b.arrived, a.rays + b.rays};
+    return {irradiance(all), (irradiance(a) - irradiance(b)) / 2};
   }
 
  private:
+  struct Sums {
+    float sent = 0, arrived = 0, rays = 0;
+  };
+  float irradiance(const Sums& s) const {
+    if (!view_.exact) return s.arrived / s.rays;
+    return s.sent > 0 ? view_.mean * (s.arrived / s.sent) : 0;
+  }
+
   const LampLight::View& view_;
-  bool even_ = true;
-  float sent_[kPoints] = {}, arrived_[kPoints] = {};
-  std::uint32_t packets_ = 0;
+  Sums half_[2];
 };
 
-/// Samples of packet `p`. Each point takes a run of the sequence, a net by itself where it is a
-/// power of two long; all runs together are the net of the whole texel.
-void take_samples(std::uint32_t p, std::uint32_t packets, std::uint32_t (&x)[kPoints],
-                  std::uint32_t (&y)[kPoints]) {
+/// Samples of packet `p` of those after the `first`. Each point takes a run of the sequence, a net
+/// by itself where it is a power of two long; all runs together are the net of the whole texel.
+void take_samples(std::uint32_t first, std::uint32_t p, std::uint32_t packets,
+                  std::uint32_t (&x)[kPoints], std::uint32_t (&y)[kPoints]) {
   for (std::uint32_t i = 0; i < kPoints; ++i) {
-    const SobolPoint s = sobol(i * packets + p);
+    const SobolPoint s = sobol(first * kPoints + i * packets + p);
     x[i] = s.x, y[i] = s.y;
   }
+}
+
+/// Lanes of packet `p` whose rays belong to the second half. It has half of every point's run: the
+/// last half of the one run, the first of another, by a bit of the run's number, which makes each
+/// half a net of its own but for a factor of two (t = 1).
+std::uint32_t second_half(std::uint32_t p, std::uint32_t packets, std::uint32_t flip) {
+  // Of a single packet, the halves are those of the sequence.
+  const std::uint32_t bit = packets > 1 ? 4 : 8;
+  const bool late = packets > 1 && p >= packets / 2;
+  std::uint32_t lanes = 0;
+  for (std::uint32_t i = 0; i < kPoints; ++i)
+    lanes |= std::uint32_t((((i ^ flip) & bit) != 0) != late) << i;
+  return lanes;
 }
 
 }  // namespace
@@ -86,9 +95,10 @@ LampLight::View LampLight::view(const AreaLight& light, const Footprint& at,
   return view;
 }
 
-float LampLight::irradiance(const AreaLight& light, const View& view, const Footprint& at,
-                            const PointFrames& frames, std::uint32_t packets, std::uint32_t seed,
-                            std::uint64_t& traced) const {
+LampLight::Arrived LampLight::arrive(const AreaLight& light, const View& view, const Footprint& at,
+                                     const PointFrames& frames, std::uint32_t first,
+                                     std::uint32_t packets, std::uint32_t seed,
+                                     std::uint64_t& traced) const {
   const LightShape shape = light.shape();
   const float clearance = light.clearance(at.position[0]);
   const bool near = LightSet::is_near(light, at.position[0]);
@@ -102,7 +112,7 @@ float LampLight::irradiance(const AreaLight& light, const View& view, const Foot
   std::fill_n(rays.t_far, kPoints, 1.f);
   for (std::uint32_t p = 0; p < packets; ++p) {
     std::uint32_t x[kPoints], y[kPoints];
-    take_samples(p, packets, x, y);
+    take_samples(first, p, packets, x, y);
     if (near)
       near_rays(light, at, x, y, flip, seed, to);
     else
@@ -113,10 +123,11 @@ float LampLight::irradiance(const AreaLight& light, const View& view, const Foot
     std::memcpy(rays.dir_x, to.direction[0], sizeof rays.dir_x);
     std::memcpy(rays.dir_y, to.direction[1], sizeof rays.dir_y);
     std::memcpy(rays.dir_z, to.direction[2], sizeof rays.dir_z);
-    tally.add(rays, to, rays.active != 0 ? in_.rays.occluded(rays) : 0);
+    const std::uint32_t blocked = rays.active != 0 ? in_.rays.occluded(rays) : 0;
+    tally.add(rays, to, blocked, second_half(p, packets, flip));
     traced += std::uint64_t(std::popcount(rays.active));
   }
-  return tally.irradiance();
+  return tally.arrived();
 }
 
 void LampLight::near_rays(const AreaLight& light, const Footprint& at, const std::uint32_t* x,

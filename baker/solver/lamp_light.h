@@ -26,11 +26,16 @@ class LampLight {
   };
   View view(const AreaLight&, const Footprint&, const PointFrames&) const;
 
-  /// Irradiance per unit radiance.
+  /// Irradiance per unit radiance, with half the difference between two halves of the rays.
+  struct Arrived {
+    float irradiance = 0, spread = 0;
+  };
+  /// @param first packets that were sent before, of the same sequence
   /// @param packets one shadow ray from each point; at least 1
   /// @param traced receives the rays, added
-  float irradiance(const AreaLight&, const View&, const Footprint&, const PointFrames&,
-                   std::uint32_t packets, std::uint32_t seed, std::uint64_t& traced) const;
+  Arrived arrive(const AreaLight&, const View&, const Footprint&, const PointFrames&,
+                 std::uint32_t first, std::uint32_t packets, std::uint32_t seed,
+                 std::uint64_t& traced) const;
 
  private:
   void near_rays(const AreaLight&, const Footprint&, const std::uint32_t* x, const std::uint32_t* y,

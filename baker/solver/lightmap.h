@@ -18,12 +18,36 @@ struct Lightmap {
   /// gives the share of the texel's rays that met no back face.
   std::vector<float> validity;
 
+  /// How far two halves of the samples differ, see Estimate::spread.
+  std::vector<Rgb> direct_spread, sky_spread, indirect_spread;
+  /// Shadow rays towards area lights, and directions or paths, that the light was taken from.
+  std::vector<std::uint32_t> direct_samples, samples;
+  /// What the last bounce read, lx: passes that only add samples read it again.
+  std::vector<Rgb> radiosity;
+
   Lightmap() = default;
   explicit Lightmap(std::uint32_t texels)
-      : direct(texels), sky(texels), indirect(texels), validity(texels, 1.f) {}
+      : direct(texels),
+        sky(texels),
+        indirect(texels),
+        validity(texels, 1.f),
+        direct_spread(texels),
+        sky_spread(texels),
+        indirect_spread(texels),
+        direct_samples(texels),
+        samples(texels),
+        radiosity(texels) {}
 
   Rgb irradiance(std::uint32_t texel) const { return direct[texel] + sky[texel] + indirect[texel]; }
   std::uint32_t size() const { return static_cast<std::uint32_t>(direct.size()); }
+
+  /// Calls `use(plane)` for every plane, in the order in which they are stored.
+  template <class Light, class Use>
+  static void for_planes(Light& light, const Use& use) {
+    use(light.direct), use(light.sky), use(light.indirect), use(light.validity);
+    use(light.direct_spread), use(light.sky_spread), use(light.indirect_spread);
+    use(light.direct_samples), use(light.samples), use(light.radiosity);
+  }
 };
 
 }  // namespace kiln::baker

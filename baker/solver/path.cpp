@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "baker/solver/footprint.h"
+#include "baker/solver/sample_rounds.h"
 #include "baker/solver/sampling.h"
 #include "baker/solver/sobol.h"
 
@@ -21,11 +22,21 @@ struct Vertex {
   Vec3 origin, position, geometric_normal, shading_normal;
   Rgb throughput{1, 1, 1};  ///< product of the albedos so far
   std::uint32_t sample = 0;
-  std::uint32_t lane = 0;
+
+  /// Of each sixteen samples, the last eight make the second half.
+  bool in_second_half() const { return (sample & 8) != 0; }
+};
+
+/// Light of two halves of the samples.
+struct Halves {
+  Rgb half[2];
+
+  Rgb sum() const { return half[0] + half[1]; }
+  Rgb difference() const { return half[0] - half[1]; }
 };
 
 struct Sums {
-  Rgb direct, sky, indirect;
+  Halves direct, sky, indirect;
 };
 
 /// Sixteen paths of one texel, followed in step.
@@ -38,7 +49,7 @@ class PathBundle {
   void follow(std::uint32_t first, std::uint32_t count, Sums& sums) {
     start(first, count);
     for (std::uint32_t bounce = 0; !alive_.empty(); ++bounce) {
-      Rgb& from_lights = bounce == 0 ? sums.direct : sums.indirect;
+      Halves& from_lights = bounce == 0 ? sums.direct : sums.indirect;
       add_area_light(bounce, from_lights);
       add_punctual_light(bounce, from_lights);
       extend(bounce, bounce == 0 ? sums.sky : sums.indirect);
@@ -66,12 +77,12 @@ class PathBundle {
   }
 
   /// Traces the collected shadow rays and adds what arrives.
-  void trace_shadows(Rgb& sum) {
+  void trace_shadows(Halves& sum) {
     if (waiting_ == 0) return;
     packet_.activate_first(waiting_);
     const std::uint32_t blocked = in_.rays.occluded(packet_);
     for (std::uint32_t i = 0; i < waiting_; ++i)
-      if (!(blocked >> i & 1)) sum += value_[i];
+      if (!(blocked >> i & 1)) sum.half[second_[i]] += value_[i];
     traced_ += waiting_;
     waiting_ = 0;
   }
@@ -84,11 +95,12 @@ class PathBundle {
     const Rgb value = v.throughput * irradiance * cosine;
     if (is_black(value)) return;
     value_[waiting_] = value;
+    second_[waiting_] = v.in_second_half();
     const ShadowRay ray = light.shadow_ray(v.origin);
     packet_.set(waiting_++, v.origin, ray.direction, ray.far);
   }
 
-  void add_area_light(std::uint32_t bounce, Rgb& sum) {
+  void add_area_light(std::uint32_t bounce, Halves& sum) {
     const auto& lights = in_.lights.area();
     if (lights.empty()) return;
     const auto& share = in_.lights.power_share();
@@ -103,7 +115,7 @@ class PathBundle {
     trace_shadows(sum);
   }
 
-  void add_punctual_light(std::uint32_t bounce, Rgb& sum) {
+  void add_punctual_light(std::uint32_t bounce, Halves& sum) {
     const auto& lights = in_.lights.punctual();
     if (lights.empty()) return;
     for (const Vertex& v : alive_) {
@@ -116,7 +128,7 @@ class PathBundle {
   }
 
   /// Sends each path on by a cosine-distributed direction; those that end are dropped.
-  void extend(std::uint32_t bounce, Rgb& sky) {
+  void extend(std::uint32_t bounce, Halves& sky) {
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < alive_.size(); ++i) {
       Vertex v = alive_[i];
@@ -137,7 +149,7 @@ class PathBundle {
     for (std::uint32_t i = 0; i < kept; ++i) {
       Vertex v = paths[i];
       if (met.triangle[i] == kNoHit) {
-        sky += v.throughput * in_.scene.sky * kPi;
+        sky.half[v.in_second_half()] += v.throughput * in_.scene.sky * kPi;
       } else if (bounce < in_.settings.bounces && reflect(v, met, i)) {
         paths[going++] = v;
       } else if (bounce == 0 && met.back[i]) {
@@ -172,18 +184,19 @@ class PathBundle {
   RayPacket packet_;
   std::uint32_t waiting_ = 0;  ///< shadow rays in the packet
   Rgb value_[16];
+  bool second_[16];
   std::uint64_t traced_ = 0, behind_ = 0;
 };
 
 class PathSolver final : public Solver {
  public:
-  explicit PathSolver(const SolverInput& in) : in_(in) {}
+  explicit PathSolver(const SolverInput& in) : in_(in), rounds_(in_, in_.plan.directions) {}
 
   std::uint32_t max_passes() const override {
-    return (in_.settings.samples + kBlockSamples - 1) / kBlockSamples;
+    return (in_.plan.directions + kBlockSamples - 1) / kBlockSamples;
   }
 
-  double total_work() const override { return in_.settings.samples; }
+  double total_work() const override { return in_.plan.directions; }
 
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
     if (done.size() >= max_passes()) return std::nullopt;
@@ -191,8 +204,9 @@ class PathSolver final : public Solver {
     pass.name = "paths";
     pass.index = static_cast<std::uint32_t>(done.size());
     pass.first_sample = pass.index * kBlockSamples;
-    pass.sample_count = std::min(kBlockSamples, in_.settings.samples - pass.first_sample);
+    pass.sample_count = std::min(kBlockSamples, in_.plan.directions - pass.first_sample);
     pass.work = pass.sample_count;
+    pass.completes = pass.index + 1 == max_passes();
     return pass;
   }
 
@@ -205,9 +219,14 @@ class PathSolver final : public Solver {
       PathBundle bundle(in_, t);
       Sums sums;
       bundle.follow(pass.first_sample, pass.sample_count, sums);
-      after.direct[t] = before.direct[t] * old_share + sums.direct * scale;
-      after.sky[t] = before.sky[t] * old_share + sums.sky * scale;
-      after.indirect[t] = before.indirect[t] * old_share + sums.indirect * scale;
+      const auto join = [&](auto old, auto more) { return old * old_share + more * scale; };
+      after.direct[t] = join(before.direct[t], sums.direct.sum());
+      after.sky[t] = join(before.sky[t], sums.sky.sum());
+      after.indirect[t] = join(before.indirect[t], sums.indirect.sum());
+      after.direct_spread[t] = join(before.direct_spread[t], sums.direct.difference());
+      after.sky_spread[t] = join(before.sky_spread[t], sums.sky.difference());
+      after.indirect_spread[t] = join(before.indirect_spread[t], sums.indirect.difference());
+      after.samples[t] = pass.first_sample + pass.sample_count;
       const float open = float(pass.sample_count - bundle.behind());
       after.validity[t] = before.validity[t] * old_share + open * scale;
       rays += bundle.traced();
@@ -215,8 +234,17 @@ class PathSolver final : public Solver {
     return rays;
   }
 
+  bool finish(const Pass& pass, Lightmap& after, const Workers& workers,
+              proto::PassReport& report) override {
+    return !pass.completes || rounds_.judge(after, workers, report);
+  }
+  std::optional<FilteredLight> filtered(const Lightmap& light, const Workers& workers) override {
+    return rounds_.filtered(light, workers);
+  }
+
  private:
   const SolverInput in_;
+  SampleRounds rounds_;  ///< for their judgement only: a path bake makes none
 };
 
 }  // namespace

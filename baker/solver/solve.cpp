@@ -9,8 +9,6 @@
 namespace kiln::baker {
 namespace {
 
-constexpr std::uint64_t kHitBudgetBytes = 1ull << 30;
-
 /// Area-weighted sums over the texels, in texel order: the same on any number of threads.
 struct Change {
   double mean_lx = 0;   ///< E after
@@ -47,45 +45,48 @@ std::unique_ptr<Solver> make_solver(const SolverInput& in) {
     case proto::Method::kGather:
       break;
   }
-  return make_gather_solver(in, kHitBudgetBytes);
+  return make_gather_solver(in, std::uint64_t(in.settings.hit_memory_mib) << 20);
 }
 
 proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, ThreadPool& pool,
                                 std::stop_token stop, const SolveHooks& hooks, SolveStart from) {
   Solution solution;
   solution.passes = std::move(from.passes);
-  std::shared_ptr<const Lightmap> before = std::move(from.light), earlier = std::move(from.earlier);
+  std::shared_ptr<const Lightmap> before = std::move(from.light);
   if (!before) before = std::make_shared<Lightmap>(texels.size());
-  if (!earlier) earlier = std::make_shared<Lightmap>(texels.size());
+  for (std::size_t i = 0; i < solution.passes.size(); ++i)
+    if (const auto pass = solver.next(std::span(solution.passes).first(i)))
+      solution.tail_scale = std::max(solution.tail_scale, pass->tail_scale);
   std::stop_source either;  // what a pass under way listens to
   const std::stop_callback on_stop(stop, [&] { either.request_stop(); });
   const std::stop_callback on_enough(hooks.enough, [&] { either.request_stop(); });
   const auto enough = [&] {
     return hooks.enough.stop_requested() && !stop.stop_requested() && !solution.passes.empty();
   };
+  const Workers workers{pool, either.get_token()};
   while (const auto pass = solver.next(solution.passes)) {
     if (enough()) break;
     const auto start = std::chrono::steady_clock::now();
     auto after = std::make_shared<Lightmap>(*before);
-    solver.begin(*pass, *before);
+    bool whole = solver.begin(*pass, *before, workers);
     const std::uint32_t size = pass->batch_texels;
     const std::uint32_t batches = (texels.size() + size - 1) / size;
     std::vector<std::uint64_t> rays(batches);
     std::atomic<std::uint32_t> done{0};
-    const bool whole = pool.for_batches(batches, either.get_token(), [&](std::uint32_t b) {
+    whole = whole && pool.for_batches(batches, either.get_token(), [&](std::uint32_t b) {
       const TexelRange range{b * size, std::min((b + 1) * size, texels.size())};
       rays[b] = solver.run(*pass, *before, range, *after);
       if (hooks.on_batch) hooks.on_batch(*pass, ++done, batches);
     });
+    proto::PassReport report;
+    whole = whole && solver.finish(*pass, *after, workers, report);
     if (!whole && enough()) break;
     if (!whole) return proto::fail(proto::kCanceledCode, "The job was canceled.");
-    solver.finish(*pass, *before, *after);
 
     const Change change = measure(texels, *before, *after);
     if (!change.finite)
       return proto::fail("internal",
                          "The light of a texel is not finite after pass '" + pass->name + "'.");
-    proto::PassReport report;
     report.name = pass->name;
     report.index = pass->index;
     report.residual = change.residual;
@@ -96,12 +97,13 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     solution.passes.push_back(report);
     if (hooks.on_pass)
       if (auto ok = hooks.on_pass(*pass, report, after); !ok) return proto::Unexpected(ok.error());
-    earlier = std::move(before);
+    solution.tail_scale = std::max(solution.tail_scale, pass->tail_scale);
     before = std::move(after);
   }
-  auto last = std::make_shared<Lightmap>(*before);
-  solution.tail_scale = solver.extrapolate(solution.passes, *earlier, *last);
-  solution.light = std::move(last);
+  auto filtered = solver.filtered(*before, {pool, stop});
+  if (!filtered) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  solution.filtered = std::move(*filtered);
+  solution.light = std::move(before);
   return solution;
 }
 

@@ -25,17 +25,20 @@ struct SolveHooks {
 };
 
 struct Solution {
-  std::shared_ptr<const Lightmap> light;
+  std::shared_ptr<const Lightmap> light;  ///< as sampled
+  FilteredLight filtered;                 ///< as shown
   std::vector<proto::PassReport> passes;
-  double tail_scale = 0;  ///< factor on the last update that stands for the bounces left out
+  double tail_scale = 0;  ///< see Pass::tail_scale
+
+  Rgb irradiance(std::uint32_t texel) const {
+    return filtered.direct[texel] + filtered.sky[texel] + filtered.indirect[texel];
+  }
 };
 
 /// Where a solve begins; by default in the dark, before the first pass.
 struct SolveStart {
-  std::vector<proto::PassReport> passes;    ///< that are done
-  std::shared_ptr<const Lightmap> light;    ///< after them; null before the first pass
-  std::shared_ptr<const Lightmap> earlier;  ///< before the last of them; may be null before the
-                                            ///< second pass, and while there are passes left to do
+  std::vector<proto::PassReport> passes;  ///< that are done
+  std::shared_ptr<const Lightmap> light;  ///< after them; null before the first pass
 };
 
 std::unique_ptr<Solver> make_solver(const SolverInput&);

@@ -8,9 +8,12 @@
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/workers.h"
 #include "baker/scene/scene.h"
+#include "baker/solver/filter/filter_bank.h"
 #include "baker/solver/light_set.h"
 #include "baker/solver/lightmap.h"
+#include "baker/solver/sample_plan.h"
 #include "baker/solver/texel_lookup.h"
 #include "baker/trace/ray_scene.h"
 #include "proto/bake_settings.h"
@@ -27,6 +30,8 @@ struct SolverInput {
   const LightSet& lights;
   const TexelLookup& lookup;
   proto::SolverSettings settings;
+  SamplePlan plan = sample_plan(settings, {});
+  bool filter = true;  ///< smooth the light that is gathered
 };
 
 /// One sweep over all texels, between two barriers.
@@ -37,6 +42,8 @@ struct Pass {
   std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
   double work = 1;                                   ///< expected effort, in rays per texel
   bool fills_state = false;  ///< leaves in Solver::state() what later passes read
+  bool completes = false;    ///< the light has all its bounces afterwards
+  double tail_scale = 0;     ///< factor on the update that stands for the bounces that are left out
 };
 
 /// One light-transport method. A bake calls next(), then run() for ranges that cover every texel
@@ -49,26 +56,25 @@ class Solver {
   /// reached.
   virtual std::optional<Pass> next(std::span<const proto::PassReport> done) const = 0;
   virtual std::uint32_t max_passes() const = 0;
-  /// Expected effort of all passes, in the unit of Pass::work.
+  /// Expected effort of all passes, in the unit of Pass::work. May change with what they find.
   virtual double total_work() const = 0;
-  /// Called once before the pass's batches, from one thread.
-  virtual void begin(const Pass&, const Lightmap& /*before*/) {}
+  /// Called once before the pass's batches, from one thread. False when stopped.
+  virtual bool begin(const Pass&, const Lightmap& /*before*/, const Workers&) { return true; }
   /// Computes the texels of `range` from the light before the pass; writes no others. `after`
   /// starts as a copy of `before`. Ranges begin at multiples of pass.batch_texels.
   /// @return rays traced
   virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
                             Lightmap& after) = 0;
-  /// Called once after the pass's batches, from one thread.
-  virtual void finish(const Pass&, const Lightmap& /*before*/, Lightmap& /*after*/) {}
+  /// Called once after the pass's batches, from one thread. Says in the report what only the method
+  /// knows. False when stopped.
+  virtual bool finish(const Pass&, Lightmap& /*after*/, const Workers&, proto::PassReport&) {
+    return true;
+  }
   /// What passes with `fills_state` leave for later ones, beside the light. Its size never changes;
   /// a checkpoint stores it as it is and writes it back. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }
-  /// After the last pass: adds what the method knows of the passes it left out.
-  /// @return factor on the last update that was added
-  virtual double extrapolate(std::span<const proto::PassReport>, const Lightmap& /*before_last*/,
-                             Lightmap& /*last*/) const {
-    return 0;
-  }
+  /// The light as it is to be shown, with what is known of its error. Nothing when stopped.
+  virtual std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) = 0;
 };
 
 }  // namespace kiln::baker

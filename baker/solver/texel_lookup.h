@@ -10,8 +10,6 @@
 
 namespace kiln::baker {
 
-inline constexpr std::int32_t kNoTexel = -1;
-
 /// From a point of the surface to the texel that holds its light.
 class TexelLookup {
  public:

@@ -41,7 +41,11 @@ struct Baked {
     return folder.path() / "out";
   }
   proto::Expected<void> write(std::stop_token stop = {}) {
-    return write_outputs(out(), {files, scene, atlas, texels, light}, settings, manifest, stop);
+    const FilteredLight filtered{light.direct, light.sky, light.indirect,
+                                 std::vector<float>(light.size(), 9.f),
+                                 std::vector<float>(light.size(), 16.f)};
+    return write_outputs(out(), {files, scene, atlas, texels, light, filtered}, settings, manifest,
+                         stop);
   }
 };
 

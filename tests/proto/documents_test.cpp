@@ -139,7 +139,9 @@ Manifest some_manifest() {
   m.statistics.rays = 1ull << 60;
   m.statistics.tail_scale = 1.5;
   m.statistics.stages.push_back({"import", 0.25});
-  m.statistics.passes.push_back({"bounce", 1, 0.5, 3.25, 1.5, 99});
+  m.statistics.passes.push_back({"bounce", 1, 0.5, 3.25, 1.5, 99, std::nullopt});
+  m.statistics.passes.push_back({"round", 2, 0.5, 3.25, 1.5, 99, 0.25});
+  m.statistics.standard_error = 0.25;
   m.warnings.push_back({"alpha_ignored", "/materials/0", "opaque now"});
   return m;
 }
@@ -179,7 +181,7 @@ TEST(ManifestJson, EveryMemberIsChecked) {
 }
 
 TEST(PassReportJson, RoundTrip) {
-  const PassReport pass{"direct", 0, 1, 12.5, 0.125, 1ull << 50};
+  const PassReport pass{"direct", 0, 1, 12.5, 0.125, 1ull << 50, 0.02};
   EXPECT_EQ(to_json(*pass_report_from_json(to_json(pass))), to_json(pass));
   EXPECT_FALSE(pass_report_from_json(json::object()));
 }

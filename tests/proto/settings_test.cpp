@@ -36,8 +36,9 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
   const char* text = R"({
     "atlas": {"page_size": 512, "max_pages": 3, "texels_per_metre": 12.5, "unwrap": "existing",
               "gutter": 7},
+    "quality": {"preset": "draft", "target_error": 0.125, "max_samples": 77},
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
-               "coarse_indirect": false, "tolerance": 0.1, "seed": 9007199254740991},
+               "hit_memory_mib": 12, "coarse_indirect": false, "tolerance": 0.1, "seed": 9007199254740991},
     "sky": {"radiance": [0.1, 2, 3000.7]},
     "lights": [
       {"type": "directional", "color": [1, 0.5, 0.25], "intensity": 3.3, "direction": [0, -2, 1]},
@@ -47,7 +48,7 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
       {"type": "rect", "color": [1, 1, 1], "intensity": 1e9, "position": [0, 0, 0],
        "direction": [0, 0, 1], "width": 0.3, "height": 10000}],
     "allow_dark": true,
-    "post": {"dilate": 0},
+    "post": {"filter": false, "dilate": 0},
     "output": {"precision": "float", "layers": ["indirect", "direct"], "formats": ["glb"],
                "exposure": 0.0125}})";
   const auto settings = parse_settings(text);
@@ -77,7 +78,7 @@ TEST(Settings, AllProblemsAreToldAtOnce) {
   ASSERT_EQ(places.size(), 8u);
   EXPECT_EQ(places["/solver/bouncs"], "unknown setting \"bouncs\"; did you mean \"bounces\"?");
   EXPECT_EQ(places["/solver/samples"],
-            "expected an integer from 1 to 65536 (samples/texel), found 0");
+            "expected an integer from 1 to 65536, or null (samples/texel), found 0");
   EXPECT_EQ(places["/solver/seed"], "expected an integer from 0 to 9007199254740991, found -1");
   EXPECT_EQ(places["/solver/method"], "expected one of \"gather\", \"path\", found \"magic\"");
   EXPECT_EQ(places["/atlas"], "expected an object, found 5");
@@ -111,7 +112,8 @@ TEST(Settings, NumbersOfTheWrongKind) {
   EXPECT_EQ(pointer_of(R"({"solver": {"samples": "64"}})"), "/solver/samples");
   EXPECT_EQ(pointer_of(R"({"solver": {"samples": 1.5}})"), "/solver/samples");
   EXPECT_EQ(pointer_of(R"({"solver": {"samples": true}})"), "/solver/samples");
-  EXPECT_EQ(pointer_of(R"({"solver": {"samples": null}})"), "/solver/samples");
+  EXPECT_EQ(pointer_of(R"({"solver": {"bounces": null}})"), "/solver/bounces");
+  EXPECT_FALSE(parse_settings(R"({"solver": {"samples": null}})")->solver.samples);
   EXPECT_EQ(pointer_of(R"({"solver": {"samples": 4294967297}})"), "/solver/samples");
   EXPECT_EQ(pointer_of(R"({"solver": {"seed": 18446744073709551617}})"), "/solver/seed");
   EXPECT_EQ(pointer_of(R"({"solver": {"seed": 9007199254740992}})"), "/solver/seed");

@@ -1,4 +1,4 @@
-// A solver that keeps fewer hits than it has samples ends with a final gather: it resumes, too.
+// A solver that keeps fewer hits than it has samples follows the rest at the end: it resumes, too.
 #include "baker/solver/checkpoint.h"
 
 #include <gtest/gtest.h>
@@ -16,13 +16,14 @@ bool same_bits(const std::vector<Rgb>& a, const std::vector<Rgb>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Rgb)) == 0;
 }
 
-TEST(Checkpoint, AFinalGatherIsReachedFromAnyPass) {
+TEST(Checkpoint, RoundsAreReachedFromAnyPass) {
   QuadScene room(48);
   room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
   room.add({{0.8f, 1.99f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
   room.build();
   proto::SolverSettings settings;
   settings.samples = 64;
+  settings.direct_samples = 64;
   const auto rays = RayScene::build(room.scene());
   const LightSet lights(room.scene());
   const TexelLookup lookup(room.scene(), room.atlas(), room.texels());
@@ -32,7 +33,7 @@ TEST(Checkpoint, AFinalGatherIsReachedFromAnyPass) {
   const auto solver_of = [&] { return make_gather_solver(input, 1); };
   const auto whole = solve(*solver_of(), room.texels(), pool, {});
   ASSERT_TRUE(whole);
-  ASSERT_EQ(whole->passes.back().name, "final gather");
+  ASSERT_EQ(whole->passes.back().name, "round");
 
   for (std::size_t cut = 1; cut <= whole->passes.size(); ++cut) {
     const kiln::test::TempFolder folder;

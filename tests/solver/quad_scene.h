@@ -45,7 +45,8 @@ class QuadScene {
   const Atlas& atlas() const { return *atlas_; }
   const Scene& scene() const { return scene_; }
 
-  Solution solve(const proto::SolverSettings&, unsigned threads = 2) const;
+  Solution solve(const proto::SolverSettings&, unsigned threads = 2,
+                 const proto::QualitySettings& = {}) const;
 
  private:
   std::uint32_t page_size_;

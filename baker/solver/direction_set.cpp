@@ -1,0 +1,69 @@
+#include "baker/solver/direction_set.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <numeric>
+
+#include "baker/solver/sobol.h"
+
+namespace kiln::baker {
+namespace {
+
+/// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
+constexpr std::uint32_t kCoherentSamples = 256;
+
+bool is_net(std::uint32_t first, std::uint32_t count) {
+  return std::has_single_bit(count) && first % count == 0;
+}
+
+/// Groups the points of a (0,2)-net by elementary cells of 16 points each, as square as can be.
+/// Owen scrambling maps cells to cells, so the groups stay narrow for every texel's own scramble.
+/// Within a cell the order is that of the sequence, so each half of the net has its half of it.
+void sort_by_cells(std::vector<std::uint32_t>& order) {
+  const int bits = std::countr_zero(order.size()) - 4, x_bits = (bits + 1) / 2, y_bits = bits / 2;
+  const auto cell = [&](std::uint32_t i) {
+    const SobolPoint p = sobol(i);
+    const std::uint32_t y = y_bits > 0 ? p.y >> (32 - y_bits) : 0;
+    return (p.x >> (32 - x_bits)) << y_bits | y;
+  };
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return cell(a) < cell(b); });
+}
+
+/// Gives each packet eight points of the first half of the sequence and eight of the second.
+void deal_halves(std::vector<std::uint32_t>& order) {
+  const std::vector<std::uint32_t> sequence = order;
+  const std::size_t half = sequence.size() / 2;
+  for (std::size_t i = 0; i < sequence.size(); ++i)
+    order[i] = sequence[i / 16 * 8 + i % 8 + (i & 8 ? half : 0)];
+}
+
+}  // namespace
+
+DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n)
+    : first(from), count(n), coherent(n >= kCoherentSamples && is_net(from, n)) {
+  std::vector<std::uint32_t> order(n);
+  std::iota(order.begin(), order.end(), first);
+  if (coherent)
+    sort_by_cells(order);
+  else if (n % 16 == 0)
+    deal_halves(order);
+  for (std::uint32_t i : order) {
+    x.push_back(sobol(i).x);
+    y.push_back(sobol(i).y);
+  }
+  x.resize((n + 15) / 16 * 16);
+  y.resize(x.size());
+  for (std::uint32_t i = 0; i < n; ++i) first_half_ += !in_second_half(i);
+}
+
+Estimate DirectionSet::estimate(Rgb first_sum, Rgb second_sum) const {
+  const auto n = float(count), a = float(first_half_), b = n - a;
+  Estimate e;
+  e.mean = (first_sum + second_sum) * (1 / n);
+  e.spread = b > 0 ? (first_sum * (1 / a) - second_sum * (1 / b)) * (std::sqrt(a * b) / n) : e.mean;
+  return e;
+}
+
+}  // namespace kiln::baker

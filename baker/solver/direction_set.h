@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "baker/math/vec.h"
+
+namespace kiln::baker {
+
+/// The mean over some samples, and how far two halves of them differ. Both are linear: means of
+/// estimates are estimates, and so are sums of independent ones.
+struct Estimate {
+  Rgb mean;
+  /// Half the difference of the two halves' means. Its square is an unbiased estimate of the mean's
+  /// variance if the samples are independent; samples of one net are spread better than that, and
+  /// it comes out too large then, never too small.
+  Rgb spread;
+};
+
+/// The directions of a gather: a run of the Sobol sequence in the order in which it is traced,
+/// packets of sixteen. Runs that begin at a multiple of their length, a power of two, are nets, and
+/// together with the runs before them again a net.
+struct DirectionSet {
+  std::vector<std::uint32_t> x, y;  ///< Sobol points, fractions of 2^32, padded to whole packets
+  std::uint32_t first = 0;          ///< its place in the sequence
+  std::uint32_t count = 0;
+  bool coherent = false;  ///< a packet is a narrow cone
+
+  DirectionSet(std::uint32_t first, std::uint32_t count);
+  std::uint32_t size() const { return count; }
+
+  /// Each half of a net's packets makes half of the net. Which half a direction belongs to:
+  bool in_second_half(std::uint32_t i) const {
+    return count < 16 ? i >= (count + 1) / 2 : (i >> 3 & 1) != 0;
+  }
+  /// From the sums over the two halves.
+  Estimate estimate(Rgb first_sum, Rgb second_sum) const;
+
+ private:
+  std::uint32_t first_half_ = 0;  ///< directions in the first half
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "baker/solver/direction_set.h"
+#include "baker/solver/lightmap.h"
+#include "baker/solver/simd/kernels.h"
+#include "baker/solver/solver.h"
+
+namespace kiln::baker {
+
+/// The radiosity that gathering rays read at what they meet: the lightmap of the pass before times
+/// the albedo, mended where texels lie hidden.
+class Feedback {
+ public:
+  explicit Feedback(const SolverInput& in) : in_(in) {}
+
+  /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
+  void find_hidden(const Lightmap&);
+  bool knows_hidden() const { return knows_hidden_; }
+
+  /// Takes B from the light. [RTRad 5.4]
+  void read(const Lightmap&);
+  /// B becomes B + scale * (B - earlier): what the series of bounces tends to, if each update is
+  /// the same share of the one before it.
+  void extrapolate(std::span<const Rgb> earlier, float scale);
+  /// Takes over what a feedback held before.
+  void restore(std::span<const Rgb> radiosity);
+
+  Rgb radiosity(std::uint32_t texel) const {
+    const Radiosity& b = radiosity_[texel];
+    return {b.r, b.g, b.b};
+  }
+  /// Mean of the radiosity at the hits, lx; sky and nothing count as dark.
+  Estimate look_up(const DirectionSet&, std::span<const std::uint32_t> hits) const;
+
+ private:
+  /// As the look-ups read it: one aligned load.
+  struct alignas(16) Radiosity {
+    float r = 0, g = 0, b = 0, pad = 0;
+  };
+  /// A texel that lies hidden, whose radiosity comes from the texels around it: a ray that meets
+  /// the surface beside it must not read the dark beneath a block that stands there.
+  struct Repair {
+    std::uint32_t texel = 0;
+    std::uint32_t count = 0;
+    std::array<std::uint32_t, 8> neighbour{};
+  };
+
+  const SolverInput& in_;
+  std::vector<Radiosity> radiosity_;
+  std::vector<Repair> repairs_;
+  bool knows_hidden_ = false;
+};
+
+}  // namespace kiln::baker

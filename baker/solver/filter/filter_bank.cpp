@@ -1,0 +1,264 @@
+#include "baker/solver/filter/filter_bank.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+
+namespace kiln::baker {
+namespace {
+
+constexpr std::uint32_t kRunTexels = 2048;
+constexpr int kCount = SurfaceNeighbours::kCount;
+
+/// One texel's light in two halves of the samples: red, green, blue, and the sky's luminance.
+struct alignas(32) Halves {
+  float a[4], b[4];
+
+  Halves& add(float weight, const Halves& o) {
+    for (int i = 0; i < 4; ++i) a[i] += weight * o.a[i], b[i] += weight * o.b[i];
+    return *this;
+  }
+};
+
+float luminance(const float (&v)[4]) {
+  return baker::luminance(Rgb{v[0], v[1], v[2]}) + v[3];
+}
+
+/// none, the narrow filter, the wide one, and both in turn.
+constexpr std::size_t kFilters = 4;
+using Errors = std::array<float, kFilters>;
+
+/// Outer product of a row of five weights.
+constexpr std::array<float, kCount> kernel(std::array<float, 5> row) {
+  std::array<float, kCount> k{};
+  for (int i = 0; i < kCount; ++i)
+    k[std::size_t(i)] = row[std::size_t(i % 5)] * row[std::size_t(i / 5)];
+  return k;
+}
+/// Cubic B-spline, and a tent.
+constexpr std::array<float, kCount> kNarrow =
+    kernel({1 / 16.f, 4 / 16.f, 6 / 16.f, 4 / 16.f, 1 / 16.f});
+constexpr std::array<float, kCount> kWide = kernel({1 / 9.f, 2 / 9.f, 3 / 9.f, 2 / 9.f, 1 / 9.f});
+
+/// What each filter leaves of the texel's own light.
+constexpr Errors kOwnWeight{1, kNarrow[kCount / 2], kWide[kCount / 2], 0.05f};
+/// The halves of a net are not independent: where one is too high the other tends to be too low,
+/// since together they are better than apart. If the error of a net falls with N^-a, their
+/// covariance is -(4^a - 2) / (4^a - 1) of the variance that their difference tells; this is for
+/// a = 0.65, at the lower end of what gathers have.
+constexpr float kAlike = 0.3f;
+
+/// Weights of the texels around, in 255ths; 255 for the texel itself.
+using Likeness = std::array<std::uint8_t, kCount>;
+
+/// How far the surface at `n` goes on from that at `t`.
+std::uint8_t likeness(const TextureGroup& texels, const std::vector<float>& validity,
+                      std::uint32_t t, std::uint32_t n) {
+  constexpr float kHidden = 0.5f;
+  if ((validity[t] < kHidden) != (validity[n] < kHidden)) return 0;
+  const Vec3 a = texels.shading_normal[t], b = texels.shading_normal[n];
+  float turn = std::max(0.f, dot(a, b));
+  turn *= turn, turn *= turn, turn *= turn, turn *= turn;  // to the 16th
+  const Vec3 d = texels.position[n] - texels.position[t];
+  const float size2 = texels.area_m2[t] / texels.coverage[t];
+  constexpr float kFarTexels = 8;
+  if (dot(d, d) > kFarTexels * kFarTexels * size2) return 0;
+  // Out of the plane by half a texel halves the weight, by two it is next to nothing.
+  const float off = dot(d, a) * dot(d, a) + dot(d, b) * dot(d, b);
+  const float fall = size2 > 0 ? 1 + 2 * off / size2 : 1;
+  return std::uint8_t(255 * std::min(1.f, turn / (fall * fall)) + 0.5f);
+}
+
+/// The texels around each that are alike.
+class Surroundings {
+ public:
+  Surroundings(const TextureGroup& texels, const SurfaceNeighbours& neighbours,
+               const Lightmap& light)
+      : texels_(texels), neighbours_(neighbours), light_(light), weight_(texels.size()) {}
+
+  /// To be called of every texel before the others are of use.
+  void compare(std::uint32_t t) {
+    const auto around = neighbours_.of(t);
+    for (std::size_t k = 0; k < kCount; ++k)
+      weight_[t][k] = around[k] == kNoTexel
+                          ? std::uint8_t(0)
+                          : likeness(texels_, light_.validity, t, std::uint32_t(around[k]));
+  }
+
+  /// Calls `use(k, texel, weight)` for the texels around that are alike, itself among them.
+  template <class Use>
+  void visit(std::uint32_t t, const Use& use) const {
+    const auto around = neighbours_.of(t);
+    for (std::size_t k = 0; k < kCount; ++k)
+      if (weight_[t][k] > 0) use(k, std::uint32_t(around[k]), float(weight_[t][k]));
+  }
+
+ private:
+  const TextureGroup& texels_;
+  const SurfaceNeighbours& neighbours_;
+  const Lightmap& light_;
+  std::vector<Likeness> weight_;
+};
+
+/// The filters over one signal, in steps; each reads what the steps before left of the texels
+/// around.
+class Filtering {
+ public:
+  explicit Filtering(const Surroundings& around, std::uint32_t texels)
+      : around_(around), none_(texels) {}
+
+  void set(std::uint32_t t, Rgb mean, Rgb spread, float sky = 0, float sky_spread = 0) {
+    none_[t] = {{mean.r + spread.r, mean.g + spread.g, mean.b + spread.b, sky + sky_spread},
+                {mean.r - spread.r, mean.g - spread.g, mean.b - spread.b, sky - sky_spread}};
+  }
+
+  /// How the halves say that the light varies, averaged over the texels around.
+  float variance(std::uint32_t t) const {
+    float sum = 0, weight = 0;
+    around_.visit(t, [&](std::size_t, std::uint32_t n, float w) {
+      const float d = (luminance(none_[n].a) - luminance(none_[n].b)) / 2;
+      sum += w * d * d, weight += w;
+    });
+    return sum / weight;
+  }
+
+  void allocate() {
+    for (auto* plane : {&narrow_, &wide_, &both_}) plane->resize(none_.size());
+    errors_.resize(none_.size());
+    smooth_errors_.resize(none_.size());
+  }
+  void smooth_once(std::uint32_t t) {
+    Halves narrow{}, wide{};
+    float narrow_weight = 0, wide_weight = 0;
+    around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
+      const Halves& h = none_[n];
+      const float nw = w * kNarrow[k], ww = w * kWide[k];
+      narrow.add(nw, h), narrow_weight += nw;
+      wide.add(ww, h), wide_weight += ww;
+    });
+    narrow_[t] = Halves{}.add(1 / narrow_weight, narrow);
+    wide_[t] = Halves{}.add(1 / wide_weight, wide);
+  }
+
+  void smooth_twice(std::uint32_t t) {
+    Halves sum{};
+    float weight = 0;
+    around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
+      sum.add(w * kNarrow[k], wide_[n]), weight += w * kNarrow[k];
+    });
+    both_[t] = Halves{}.add(1 / weight, sum);
+    const float a = luminance(none_[t].a), b = luminance(none_[t].b);
+    const auto filtered = filters(t);
+    for (std::size_t c = 0; c < kFilters; ++c) {
+      const float fa = luminance(filtered[c]->a), fb = luminance(filtered[c]->b);
+      errors_[t][c] = ((fa - b) * (fa - b) + (fb - a) * (fb - a) - (a - b) * (a - b)) / 2 -
+                      (fa - fb) * (fa - fb) / 4 +
+                      kAlike * (1 - 2 * kOwnWeight[c]) * (a - b) * (a - b) / 4;
+    }
+  }
+
+  void smooth_errors(std::uint32_t t) { smooth_errors_[t] = mean(errors_, t); }
+
+  struct Chosen {
+    Rgb light;
+    float sky = 0, variance = 0;
+  };
+  Chosen choose(std::uint32_t t) const {
+    const Errors e = mean(smooth_errors_, t);
+    const float least = std::max(0.f, *std::min_element(e.begin(), e.end()));
+    const auto filtered = filters(t);
+    Halves sum{};
+    float weight = 0, error = 0;
+    // The light's own rounding sets the scale below which errors are alike.
+    const float level = 1e-5f * (std::abs(luminance(none_[t].a)) + std::abs(luminance(none_[t].b)));
+    const float floor = 0.05f * least + level * level + 1e-30f;
+    for (std::size_t c = 0; c < kFilters; ++c) {
+      const float ratio = (least + floor) / (std::max(e[c], 0.f) + floor);
+      const float w = ratio * ratio;
+      sum.add(w * 0.5f, *filtered[c]);
+      error += w * std::max(e[c], 0.f), weight += w;
+    }
+    const auto of = [&](int i) { return (sum.a[i] + sum.b[i]) / weight; };
+    return {{of(0), of(1), of(2)}, of(3), error / weight};
+  }
+
+ private:
+  std::array<const Halves*, kFilters> filters(std::uint32_t t) const {
+    return {&none_[t], &narrow_[t], &wide_[t], &both_[t]};
+  }
+
+  /// Over the texels around.
+  Errors mean(const std::vector<Errors>& errors, std::uint32_t t) const {
+    Errors sum{};
+    float weight = 0;
+    around_.visit(t, [&](std::size_t, std::uint32_t n, float w) {
+      for (std::size_t c = 0; c < kFilters; ++c) sum[c] += w * errors[n][c];
+      weight += w;
+    });
+    for (float& e : sum) e /= weight;
+    return sum;
+  }
+
+  const Surroundings& around_;
+  std::vector<Halves> none_, narrow_, wide_, both_;
+  std::vector<Errors> errors_, smooth_errors_;
+};
+
+/// Runs a step over all texels; false when stopped.
+using Each = std::function<bool(const std::function<void(std::uint32_t)>&)>;
+
+/// Filters a signal that is set; `put(texel, chosen)` takes the outcome.
+template <class Put>
+bool filter(Filtering& signal, const Each& each, const Put& put) {
+  signal.allocate();
+  return each([&](std::uint32_t t) { signal.smooth_once(t); }) &&
+         each([&](std::uint32_t t) { signal.smooth_twice(t); }) &&
+         each([&](std::uint32_t t) { signal.smooth_errors(t); }) &&
+         each([&](std::uint32_t t) { put(t, signal.choose(t)); });
+}
+
+}  // namespace
+
+std::optional<FilteredLight> FilterBank::run(const Lightmap& light, const Workers& workers) {
+  if (!linked_ && !(linked_ = neighbours_.link(workers))) return std::nullopt;
+  const std::uint32_t count = light.size();
+  const Each each = [&](const std::function<void(std::uint32_t)>& use) {
+    return workers.for_runs(count, kRunTexels, [&](auto begin, auto end) {
+      for (std::uint32_t t = begin; t < end; ++t) use(t);
+    });
+  };
+  FilteredLight out{light.direct, light.sky, light.indirect, std::vector<float>(count),
+                    std::vector<float>(count)};
+  Surroundings around(texels_, neighbours_, light);
+  if (!each([&](std::uint32_t t) { around.compare(t); })) return std::nullopt;
+  {
+    Filtering direct(around, count);
+    for (std::uint32_t t = 0; t < count; ++t)
+      direct.set(t, light.direct[t], light.direct_spread[t]);
+    const bool whole =
+        smooth_ ? filter(direct, each,
+                         [&](std::uint32_t t, const Filtering::Chosen& c) {
+                           out.direct[t] = c.light, out.direct_variance[t] = c.variance;
+                         })
+                : each([&](std::uint32_t t) { out.direct_variance[t] = direct.variance(t); });
+    if (!whole) return std::nullopt;
+  }
+  Filtering gathered(around, count);
+  for (std::uint32_t t = 0; t < count; ++t)
+    gathered.set(t, light.indirect[t], light.indirect_spread[t], baker::luminance(light.sky[t]),
+                 baker::luminance(light.sky_spread[t]));
+  // Uniform over all directions, the sky has one colour on all texels.
+  const Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / baker::luminance(sky_));
+  const bool whole =
+      smooth_ ? filter(gathered, each,
+                       [&](std::uint32_t t, const Filtering::Chosen& c) {
+                         out.indirect[t] = c.light, out.sky[t] = colour * c.sky;
+                         out.gathered_variance[t] = c.variance;
+                       })
+              : each([&](std::uint32_t t) { out.gathered_variance[t] = gathered.variance(t); });
+  if (!whole) return std::nullopt;
+  return out;
+}
+
+}  // namespace kiln::baker

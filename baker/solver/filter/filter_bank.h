@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "baker/atlas/texture_group.h"
+#include "baker/exec/workers.h"
+#include "baker/solver/filter/surface_neighbours.h"
+#include "baker/solver/lightmap.h"
+
+namespace kiln::baker {
+
+/// A lightmap as it is written, and how well it is known. One entry per texel.
+struct FilteredLight {
+  std::vector<Rgb> direct, sky, indirect;  ///< lx
+  /// Variance of the luminance, lx²: of direct light, and of sky and indirect light together.
+  std::vector<float> direct_variance, gathered_variance;
+};
+
+/// Smooths light where that lowers its error, and tells what error is left. Direct light is one
+/// signal, sky and indirect light together another.
+///
+/// Several filters smooth both halves of the samples. Each half is a reference for the filtered
+/// other half whose own error is independent of it, so the error of every filter, bias and noise,
+/// is known without knowing the light: e = (|F(A)-B|² + |F(B)-A|²)/2 - |A-B|²/2 - |F(A)-F(B)|²/4,
+/// averaged over the texels around [cross-validation: Rousselle et al., "Adaptive Rendering with
+/// Non-Local Means Filtering", 2012, sec. 4]. The result is their mean with weights that fall with
+/// the square of that error, so it goes over to the unfiltered light as samples rise. Filters reach
+/// over texels of the same surface only, as SurfaceNeighbours has them.
+///
+/// Same light, same bits, on any number of threads.
+class FilterBank {
+ public:
+  /// @param smooth false: the light stays as it is, and its variance is the mean of its squared
+  /// spread over the texels around
+  /// @param sky its radiance, the same in every direction
+  FilterBank(const TextureGroup& texels, Rgb sky, bool smooth)
+      : texels_(texels), neighbours_(texels), sky_(sky), smooth_(smooth) {}
+
+  /// Nothing when stopped.
+  std::optional<FilteredLight> run(const Lightmap&, const Workers&);
+
+ private:
+  const TextureGroup& texels_;
+  SurfaceNeighbours neighbours_;
+  Rgb sky_;
+  bool smooth_, linked_ = false;
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,39 @@
+#include "baker/solver/sample_plan.h"
+
+#include <algorithm>
+
+namespace kiln::baker {
+namespace {
+
+/// Samples that a target starts with: about as many as bring the error to within a few doublings
+/// of it on a diffuse room, so that few texels get more than they need.
+std::uint32_t first_samples(float target_error) {
+  if (target_error >= 0.08f) return 16;
+  if (target_error >= 0.02f) return 32;
+  if (target_error >= 0.005f) return 64;
+  return 256;
+}
+
+/// Below this target the bias of interpolated texels would be felt.
+constexpr float kFinestCoarseTarget = 0.004f;
+/// Paths per texel where nobody said how many.
+constexpr std::uint32_t kPaths = 256;
+
+}  // namespace
+
+SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality) {
+  SamplePlan plan;
+  const float target = proto::target_error(quality);
+  const std::uint32_t first = std::min(first_samples(target), quality.max_samples);
+  const bool path = solver.method == proto::Method::kPath;
+  plan.directions = solver.samples.value_or(path ? kPaths : first);
+  plan.most_directions = solver.samples || path ? plan.directions : quality.max_samples;
+  plan.shadow_rays = solver.direct_samples.value_or(first);
+  plan.most_shadow_rays = solver.direct_samples ? plan.shadow_rays : quality.max_samples;
+  if (!path && (!solver.samples || !solver.direct_samples)) plan.target_error = target;
+  const bool fine = !solver.samples && target < kFinestCoarseTarget;
+  plan.coarse = solver.coarse_indirect && !fine;
+  return plan;
+}
+
+}  // namespace kiln::baker

@@ -1,0 +1,157 @@
+#include "baker/solver/sample_rounds.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace kiln::baker {
+namespace {
+
+/// Light is judged against itself plus this share of the scene's mean.
+constexpr float kDarkShare = 0.02f;
+/// A part of the light takes more samples where it has this share of the variance or more.
+constexpr float kMatters = 0.25f;
+/// Power of the number of samples with which the error falls, about: for the estimate of progress.
+constexpr double kSlope = 0.65;
+/// Texels inside other geometry have nothing to judge.
+constexpr float kHidden = 0.5f;
+
+/// Doublings from `from` to `to` or beyond.
+std::uint32_t doublings(std::uint32_t from, std::uint32_t to) {
+  std::uint32_t n = 0;
+  for (std::uint64_t have = from; have < to; have *= 2) ++n;
+  return n;
+}
+
+/// The value that 95 of 100 don't exceed; 0 of none.
+float percentile_95(std::vector<float>& values) {
+  if (values.empty()) return 0;
+  const auto at = values.end() - 1 - std::ptrdiff_t(values.size() / 20);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+}  // namespace
+
+SampleRounds::SampleRounds(const SolverInput& in, std::uint32_t directions)
+    : in_(in),
+      bank_(in.texels, in.scene.sky, in.filter && in.settings.method == proto::Method::kGather),
+      directions_(directions),
+      can_add_shadow_rays_(!in.lights.area().empty() &&
+                           in.plan.most_shadow_rays > in.plan.shadow_rays),
+      can_add_directions_((in.settings.bounces > 0 || !is_black(in.scene.sky)) &&
+                          in.plan.most_directions > directions) {
+  if (can_add_shadow_rays_) limit_ = doublings(in.plan.shadow_rays, in.plan.most_shadow_rays);
+  if (can_add_directions_) {
+    limit_ = std::max(limit_, doublings(directions, in.plan.most_directions));
+    needed_ = doublings(directions, in.plan.directions);
+  }
+}
+
+bool SampleRounds::wants_another(std::span<const proto::PassReport> done) const {
+  const proto::PassReport& last = done.back();
+  std::uint32_t rounds = 0;
+  while (rounds < done.size() && done[done.size() - 1 - rounds].name == kName) ++rounds;
+  if (rounds >= limit_) return false;
+  if (rounds < needed_) return true;
+  if (rounds > 0 && last.rays == 0) return false;  // what is left can't be helped by samples
+  return in_.plan.target_error > 0 && last.standard_error.value_or(0) > in_.plan.target_error;
+}
+
+std::uint32_t SampleRounds::more_directions(std::uint32_t had) const {
+  // What is needed first is taken to its number, which need not be a power of two.
+  const std::uint32_t most =
+      had < in_.plan.directions ? in_.plan.directions : in_.plan.most_directions;
+  return std::min(had, most - std::min(had, most));
+}
+
+bool SampleRounds::judge(const Lightmap& light, const Workers& workers, proto::PassReport& report) {
+  filtered_ = bank_.run(light, workers);
+  if (!filtered_) return false;
+  judged_ = &light;
+  const TextureGroup& texels = in_.texels;
+  const auto shown = [&](std::uint32_t t) {
+    return luminance(filtered_->direct[t] + filtered_->sky[t] + filtered_->indirect[t]);
+  };
+  double sum = 0, area = 0;
+  for (std::uint32_t t = 0; t < texels.front_count; ++t) {
+    sum += double(texels.area_m2[t]) * shown(t);
+    area += texels.area_m2[t];
+  }
+  const float dark = area > 0 ? kDarkShare * float(sum / area) : 0;
+  error_.assign(texels.size(), 0);
+  std::vector<float> judged;
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    const float e = shown(t) + dark;
+    const float variance = filtered_->direct_variance[t] + filtered_->gathered_variance[t];
+    error_[t] = e > 0 ? std::sqrt(variance) / e : 0;
+    if (t < texels.front_count && light.validity[t] >= kHidden) judged.push_back(error_[t]);
+  }
+  report.standard_error = percentile_95(judged);
+  foresee(light);
+  return true;
+}
+
+bool SampleRounds::begin(const Lightmap& light, const Workers& workers) {
+  proto::PassReport ignored;
+  // A bake that goes on from a checkpoint has not judged this light yet.
+  return error_.size() == light.size() || judge(light, workers, ignored);
+}
+
+std::optional<FilteredLight> SampleRounds::filtered(const Lightmap& light, const Workers& workers) {
+  // The light of the last pass has been judged, unless a bake ends early, or goes on from its end.
+  if (filtered_ && judged_ == &light) return std::move(filtered_);
+  return bank_.run(light, workers);
+}
+
+SampleRounds::Choice SampleRounds::choose(TexelRange tile, const Lightmap& light) const {
+  const std::uint32_t shadow_rays = light.direct_samples[tile.begin],
+                      directions = light.samples[tile.begin];
+  Choice choice;
+  if (can_add_directions_ && directions < in_.plan.directions) choice.directions = true;
+  if (!(in_.plan.target_error > 0)) return choice;
+  std::vector<float> errors(error_.begin() + tile.begin, error_.begin() + tile.end);
+  if (percentile_95(errors) <= in_.plan.target_error) return choice;
+  double direct = 0, gathered = 0;
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    direct += filtered_->direct_variance[t];
+    gathered += filtered_->gathered_variance[t];
+  }
+  const double matters = kMatters * (direct + gathered);
+  if (can_add_shadow_rays_ && direct >= matters)
+    choice.shadow_rays = std::min(
+        shadow_rays, in_.plan.most_shadow_rays - std::min(shadow_rays, in_.plan.most_shadow_rays));
+  if (can_add_directions_ && gathered >= matters && more_directions(directions) > 0)
+    choice.directions = true;
+  return choice;
+}
+
+/// Chooses the tiles of the next round, and looks ahead.
+void SampleRounds::foresee(const Lightmap& light) {
+  work_done_ += next_work_;
+  next_work_ = 0;
+  double all = 0;
+  first_directions_.clear();
+  tiles_.clear();
+  for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
+    const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
+    const Choice chosen = tiles_.emplace_back(choose(tile, light));
+    double work = chosen.shadow_rays;
+    if (chosen.directions) {
+      const std::uint32_t had = light.samples[t];
+      first_directions_.insert(had);
+      work += more_directions(had) * (in_.plan.coarse ? 0.45 : 1);
+    }
+    if (!(work > 0)) continue;
+    work *= double(tile.size()) / light.size();
+    next_work_ += work;
+    std::vector<float> errors(error_.begin() + tile.begin, error_.begin() + tile.end);
+    const double over =
+        in_.plan.target_error > 0 ? percentile_95(errors) / double(in_.plan.target_error) : 1;
+    const double rounds = over > 1 ? std::ceil(std::log2(over) / kSlope) : 1;
+    // Each round doubles what there is.
+    all += work * (std::exp2(std::min(rounds, double(limit_))) - 1);
+  }
+  expected_work_ = work_done_ + all;
+}
+
+}  // namespace kiln::baker

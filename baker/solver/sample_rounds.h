@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <set>
+#include <span>
+#include <vector>
+
+#include "baker/solver/filter/filter_bank.h"
+#include "baker/solver/solver.h"
+
+namespace kiln::baker {
+
+/// Which texels take more samples, once the light has all its bounces.
+///
+/// The error of a texel is the standard error of its luminance, as FilterBank tells it, over the
+/// luminance plus 2 % of the scene's mean, so that the dark is not chased for ever. A lightmap's
+/// error is the 95th percentile over its texels. Each round doubles the samples of the tiles whose
+/// own 95th percentile is above the target: shadow rays or directions, or both where both matter.
+class SampleRounds {
+ public:
+  /// Texels that take samples together: a run of indices, an 8x8 block of a page as a rule.
+  static constexpr std::uint32_t kTileTexels = 64;
+  static constexpr const char* kName = "round";  ///< of the passes
+
+  /// @param directions that were followed before the first round
+  SampleRounds(const SolverInput&, std::uint32_t directions);
+
+  /// Most rounds there can be.
+  std::uint32_t limit() const { return limit_; }
+  /// After the passes `done`, the last of which left the light complete.
+  bool wants_another(std::span<const proto::PassReport> done) const;
+
+  /// Looks at the light after a pass that left it complete: says in the report what its error is.
+  /// False when stopped.
+  bool judge(const Lightmap&, const Workers&, proto::PassReport&);
+  /// Before a round: makes sure that its tiles are chosen. False when stopped.
+  bool begin(const Lightmap&, const Workers&);
+
+  /// What the round that was begun adds to a tile; 0: none.
+  std::uint32_t more_shadow_rays(TexelRange tile) const { return choice(tile).shadow_rays; }
+  bool takes_directions(TexelRange tile) const { return choice(tile).directions; }
+  /// Numbers of directions that tiles had which take more.
+  const std::set<std::uint32_t>& first_directions() const { return first_directions_; }
+  /// How many follow on so many.
+  std::uint32_t more_directions(std::uint32_t had) const;
+
+  /// Expected effort in rays per texel: of the next round, and of all rounds, those done included.
+  double next_work() const { return next_work_; }
+  double expected_work() const { return expected_work_; }
+
+  /// The light filtered. Nothing when stopped.
+  std::optional<FilteredLight> filtered(const Lightmap&, const Workers&);
+
+ private:
+  struct Choice {
+    std::uint32_t shadow_rays = 0;
+    bool directions = false;
+  };
+  const Choice& choice(TexelRange tile) const { return tiles_[tile.begin / kTileTexels]; }
+  Choice choose(TexelRange tile, const Lightmap&) const;
+  void foresee(const Lightmap&);
+
+  const SolverInput& in_;
+  FilterBank bank_;
+  const std::uint32_t directions_;
+  bool can_add_shadow_rays_, can_add_directions_;
+  std::uint32_t limit_ = 0, needed_ = 0;   ///< rounds at most, and at least
+  std::optional<FilteredLight> filtered_;  ///< the light that was judged last
+  const Lightmap* judged_ = nullptr;       ///< which that was, by its address; never read
+  std::vector<float> error_;               ///< of each texel, relative
+  std::vector<Choice> tiles_;              ///< of the next round
+  std::set<std::uint32_t> first_directions_;
+  double next_work_ = 0, expected_work_ = 0, work_done_ = 0;
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,192 @@
+// The filter bank: what it must leave alone, what it must lower, and what it says of the error.
+#include "baker/solver/filter/filter_bank.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "baker/solver/filter/surface_neighbours.h"
+#include "tests/solver/quad_scene.h"
+
+namespace kiln::baker::test {
+namespace {
+
+/// Two squares of 2 m that make one floor, a wall on one of them, and nothing else.
+std::unique_ptr<QuadScene> floors() {
+  auto scene = std::make_unique<QuadScene>(96);
+  const Rgb grey{0.5f, 0.5f, 0.5f};
+  scene->add({{0, 0, 0}, {0, 0, 2}, {2, 0, 0}, grey});
+  scene->add({{2, 0, 0}, {0, 0, 2}, {2, 0, 0}, grey});
+  scene->add({{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, grey});
+  scene->build();
+  return scene;
+}
+
+TEST(SurfaceNeighbours, GoOnBehindTheEdgeOfAChart) {
+  const auto scene = floors();
+  const TextureGroup& texels = scene->texels();
+  SurfaceNeighbours neighbours(texels);
+  ThreadPool pool(2);
+  ASSERT_TRUE(neighbours.link({pool, {}}));
+  const auto floor = scene->texels_of(0);
+  const float side = std::sqrt(texels.area_m2[floor[floor.size() / 2]]);
+  std::uint32_t across = 0, edge = 0;
+  for (const std::uint32_t t : floor) {
+    const auto around = neighbours.of(t);
+    EXPECT_EQ(around[SurfaceNeighbours::kSelf], std::int32_t(t));
+    for (const std::int32_t n : around) {
+      if (n == kNoTexel) continue;
+      EXPECT_NE(texels.triangle[n] / 2, 2u) << "a wall is no neighbour of the floor";
+      across += texels.triangle[n] / 2 == 1;
+      EXPECT_LT(length(texels.position[n] - texels.position[t]), 4.5f * side);
+    }
+    edge += texels.position[t].x > 2 - side;
+  }
+  EXPECT_GT(edge, 10u);
+  EXPECT_GE(across, 5 * edge) << "each texel at the seam sees two columns of five behind it";
+}
+
+/// A light with independent noise of standard deviation `sigma` in each half of the samples.
+Lightmap noisy(const TextureGroup& texels, float sigma, const std::function<float(Vec3)>& truth) {
+  std::mt19937 random(7);
+  std::normal_distribution<float> normal(0, sigma);
+  Lightmap light(texels.size());
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    const float e = truth(texels.position[t]);
+    const float a = e + normal(random), b = e + normal(random);
+    const Rgb mean{(a + b) / 2, (a + b) / 2, (a + b) / 2},
+        spread{(a - b) / 2, (a - b) / 2, (a - b) / 2};
+    light.indirect[t] = light.direct[t] = mean;
+    light.indirect_spread[t] = light.direct_spread[t] = spread;
+  }
+  return light;
+}
+
+struct Errors {
+  double before = 0, after = 0, told = 0;  ///< root mean squares
+};
+Errors errors_of(const TextureGroup& texels, const Lightmap& light, const FilteredLight& shown,
+                 const std::function<float(Vec3)>& truth) {
+  Errors e;
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    const double x = truth(texels.position[t]);
+    e.before += (light.indirect[t].g - x) * (light.indirect[t].g - x);
+    e.after += (shown.indirect[t].g - x) * (shown.indirect[t].g - x);
+    e.told += double(shown.gathered_variance[t]);
+  }
+  for (double* v : {&e.before, &e.after, &e.told}) *v = std::sqrt(*v / texels.size());
+  return e;
+}
+
+FilteredLight run(const TextureGroup& texels, const Lightmap& light, bool smooth,
+                  unsigned threads = 2) {
+  ThreadPool pool(threads);
+  auto shown = FilterBank(texels, {}, smooth).run(light, {pool, {}});
+  EXPECT_TRUE(shown);
+  return std::move(*shown);
+}
+
+TEST(FilterBank, LowersTheNoiseOfSmoothLightAndKnowsWhatIsLeft) {
+  const auto scene = floors();
+  const auto truth = [](Vec3 p) { return 10 + p.x + 2 * p.y; };
+  const Lightmap light = noisy(scene->texels(), 1, truth);
+  const Errors e = errors_of(scene->texels(), light, run(scene->texels(), light, true), truth);
+  EXPECT_NEAR(e.before, 1 / std::sqrt(2.0), 0.03);
+  EXPECT_LT(e.after, 0.35 * e.before);
+  EXPECT_GT(e.told, 0.6 * e.after);
+  EXPECT_LT(e.told, 2 * e.after);
+}
+
+TEST(FilterBank, LeavesAnEdgeThatTheHalvesAgreeOn) {
+  const auto scene = floors();
+  const auto truth = [](Vec3 p) { return p.x < 1 ? 10.f : 20.f; };
+  const Lightmap light = noisy(scene->texels(), 0.05f, truth);
+  const Errors e = errors_of(scene->texels(), light, run(scene->texels(), light, true), truth);
+  EXPECT_LT(e.after, 1.05 * e.before);
+}
+
+TEST(FilterBank, LightWithoutNoiseKeepsItsBitsButForRounding) {
+  const auto scene = floors();
+  const auto truth = [](Vec3 p) { return 5 + 3 * std::sin(4 * p.x) * std::cos(3 * p.z + p.y); };
+  const Lightmap light = noisy(scene->texels(), 0, truth);
+  const FilteredLight shown = run(scene->texels(), light, true);
+  for (std::uint32_t t = 0; t < light.size(); ++t)
+    ASSERT_NEAR(shown.indirect[t].g, light.indirect[t].g, 2e-4f * light.indirect[t].g);
+}
+
+TEST(FilterBank, WithoutSmoothingTheVarianceIsThatOfTheMean) {
+  const auto scene = floors();
+  const auto truth = [](Vec3) { return 3.f; };
+  const Lightmap light = noisy(scene->texels(), 0.2f, truth);
+  const FilteredLight shown = run(scene->texels(), light, false);
+  const Errors e = errors_of(scene->texels(), light, shown, truth);
+  EXPECT_EQ(e.after, e.before);
+  // Thousands of texels, a few percent.
+  EXPECT_NEAR(e.told, e.before, 0.05 * e.before);
+}
+
+TEST(FilterBank, DarkStaysDark) {
+  const auto scene = floors();
+  const Lightmap light(scene->texels().size());
+  const FilteredLight shown = run(scene->texels(), light, true);
+  for (std::uint32_t t = 0; t < light.size(); ++t) {
+    ASSERT_TRUE(is_black(shown.direct[t]) && is_black(shown.sky[t]) && is_black(shown.indirect[t]));
+    ASSERT_EQ(shown.gathered_variance[t], 0);
+  }
+}
+
+// What the report says is the error of the bake: measured against a far better one, the 95th
+// percentile of |error| is 1.96 standard errors if they are normal.
+TEST(StandardError, IsThatOfTheBake) {
+  QuadScene room(96);
+  room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
+  room.add_block({0.5f, 0, 0.5f}, {1, 1, 1}, {0.7f, 0.7f, 0.7f});
+  room.add({{0.8f, 1.99f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
+  room.build();
+  proto::SolverSettings fine;
+  fine.samples = 2048;
+  fine.direct_samples = 2048;
+  fine.coarse_indirect = false;
+  fine.seed = 9;
+  const Solution truth = room.solve(fine);
+  double mean = 0;
+  for (std::uint32_t t = 0; t < room.texels().front_count; ++t)
+    mean += luminance(truth.light->irradiance(t)) / float(room.texels().front_count);
+  for (const float target : {0.03f, 0.01f}) {
+    const Solution bake = room.solve({}, 2, {.target_error = target});
+    const double told = bake.passes.back().standard_error.value();
+    EXPECT_LE(told, target);
+    std::vector<double> errors;
+    for (std::uint32_t t = 0; t < room.texels().front_count; ++t) {
+      const double e = luminance(truth.light->irradiance(t));
+      errors.push_back(std::abs(luminance(bake.irradiance(t)) - e) / (e + 0.02 * mean));
+    }
+    std::nth_element(errors.begin(), errors.begin() + std::ptrdiff_t(errors.size() * 95 / 100),
+                     errors.end());
+    const double measured = errors[errors.size() * 95 / 100] / 1.96;
+    RecordProperty("told_over_measured", std::to_string(told / measured));
+    EXPECT_GT(told, 0.6 * measured) << target;
+    EXPECT_LT(told, 2 * measured) << target;
+  }
+}
+
+// A hard target costs more samples, and only where they are needed.
+TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
+  QuadScene room(96);
+  room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
+  room.add_block({0.5f, 0, 0.5f}, {1, 1, 1}, {0.7f, 0.7f, 0.7f});
+  room.add({{0.8f, 1.99f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
+  room.build();
+  const Solution bake = room.solve({}, 2, {.target_error = 0.006f});
+  const auto [least, most] =
+      std::minmax_element(bake.light->direct_samples.begin(), bake.light->direct_samples.end());
+  EXPECT_EQ(*least, 64u) << "what is fully lit needs no more";
+  EXPECT_GE(*most, 256u);
+  const Solution limited = room.solve({}, 2, {.target_error = 0.006f, .max_samples = 64});
+  for (const std::uint32_t n : limited.light->direct_samples) ASSERT_LE(n, 64u);
+  for (const std::uint32_t n : limited.light->samples) ASSERT_LE(n, 64u);
+  EXPECT_GT(*limited.passes.back().standard_error, 0.006);
+}
+
+}  // namespace
+}  // namespace kiln::baker::test
