@@ -96,14 +96,15 @@ bool ThreadPool::for_batches(std::uint32_t count, std::stop_token stop,
   set.count = count;
   set.stop = stop;
   set.batch = &batch;
-  std::unique_lock lock(impl_->mutex);
-  impl_->turns.push_back(&set);
-  impl_->work.notify_all();
   // A stop request leaves the set in the line; the wait must wake for it without a worker's help.
+  // Before the lock: where the request has come already, the callback runs here and now.
   const std::stop_callback wake(stop, [this, &set] {
     const std::lock_guard guard(impl_->mutex);
     set.done.notify_all();
   });
+  std::unique_lock lock(impl_->mutex);
+  impl_->turns.push_back(&set);
+  impl_->work.notify_all();
   set.done.wait(lock, [&set] { return set.complete(); });
   impl_->turns.remove(&set);
   lock.unlock();  // before `wake` goes: its callback may be waiting for the mutex

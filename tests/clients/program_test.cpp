@@ -71,7 +71,7 @@ TEST_F(Program, AServiceThatIsNotThereIsOne) {
 TEST_F(Program, TheDefaultsAreASettingsFile) {
   const auto defaults = run("settings --defaults");
   ASSERT_EQ(defaults.code, 0);
-  EXPECT_EQ(nlohmann::json::parse(defaults.out)["solver"]["samples"], 256);
+  EXPECT_EQ(nlohmann::json::parse(defaults.out)["quality"]["preset"], "production");
   EXPECT_TRUE(nlohmann::json::parse(run("settings --schema").out).contains("properties"));
   EXPECT_NE(run("settings").out.find("atlas.page_size = 1024"), std::string::npos);
 }

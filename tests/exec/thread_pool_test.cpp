@@ -124,5 +124,16 @@ TEST(ThreadPool, DenormalsAreKeptElsewhere) {
   std::thread([&] { expect_kept(denormals()); }).join();  // inherits its maker's state
 }
 
+// A request that comes between the first look and the wait once left both waiting for the mutex.
+TEST(ThreadPool, AStopRequestMayComeAtAnyMomentOfACall) {
+  ThreadPool pool(2);
+  for (int i = 0; i < 20'000; ++i) {
+    std::stop_source stop;
+    const std::jthread asker([&] { stop.request_stop(); });
+    while (pool.for_batches(2, stop.get_token(), [](std::uint32_t) {})) {
+    }
+  }
+}
+
 }  // namespace
 }  // namespace kiln::baker
