@@ -272,7 +272,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   manifest.statistics.peak_memory_bytes = peak_memory_bytes();
   const OutputInput output{input.files, *scene,           *atlas,
                            *texels,     *solution->light, solution->filtered};
-  if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, stop); !ok)
+  if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)
     observer.on_warning(manifest.warnings[i]);

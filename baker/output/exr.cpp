@@ -71,12 +71,14 @@ std::vector<T> interleave(std::span<const ExrLayer> layers, std::uint32_t y0, st
   return out;
 }
 
+/// False when stopped.
 template <class T>
-void write_tiles(Imf::TiledOutputFile& file, std::span<const ExrLayer> layers,
-                 Imf::PixelType type) {
+bool write_tiles(Imf::TiledOutputFile& file, std::span<const ExrLayer> layers, Imf::PixelType type,
+                 const std::stop_token& stop) {
   const std::uint32_t width = layers[0].image->width, height = layers[0].image->height;
   const std::vector<std::string> names = channel_names(layers);
   for (std::uint32_t y0 = 0; y0 < height; y0 += kTile) {
+    if (stop.stop_requested()) return false;
     const std::uint32_t rows = std::min(kTile, height - y0);
     const std::vector<T> pixels = interleave<T>(layers, y0, y0 + rows);
     const std::size_t stride = names.size() * sizeof(T);
@@ -87,6 +89,7 @@ void write_tiles(Imf::TiledOutputFile& file, std::span<const ExrLayer> layers,
     file.setFrameBuffer(frame);
     file.writeTiles(0, file.numXTiles() - 1, int(y0 / kTile), int(y0 / kTile));
   }
+  return true;
 }
 
 proto::Unexpected invalid(const std::string& what) {
@@ -151,7 +154,8 @@ proto::Expected<PageImage> read_checked(const std::filesystem::path& path) {
 
 proto::Expected<void> write_exr(const std::filesystem::path& path, std::span<const ExrLayer> layers,
                                 proto::Precision precision,
-                                std::span<const std::pair<std::string, std::string>> metadata) {
+                                std::span<const std::pair<std::string, std::string>> metadata,
+                                const std::stop_token& stop) {
   if (auto ok = check_layers(layers, precision); !ok) return ok;
   const bool half_floats = precision == proto::Precision::kHalf;
   const Imf::PixelType type = half_floats ? Imf::HALF : Imf::FLOAT;
@@ -163,10 +167,9 @@ proto::Expected<void> write_exr(const std::filesystem::path& path, std::span<con
       header.channels().insert(name, Imf::Channel(type));
     for (const auto& [name, value] : metadata) header.insert(name, Imf::StringAttribute(value));
     Imf::TiledOutputFile file(path.c_str(), header, 0);
-    if (half_floats)
-      write_tiles<half>(file, layers, type);
-    else
-      write_tiles<float>(file, layers, type);
+    const bool whole = half_floats ? write_tiles<half>(file, layers, type, stop)
+                                   : write_tiles<float>(file, layers, type, stop);
+    if (!whole) return fail(proto::kCanceledCode, "the bake was cancelled");
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const Iex::EnospcExc&) {

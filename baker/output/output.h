@@ -11,6 +11,7 @@
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/thread_pool.h"
 #include "baker/post/post.h"
 #include "baker/scene/import.h"
 #include "baker/scene/scene.h"
@@ -31,10 +32,11 @@ struct ExrLayer {
 /// Writes a tiled, ZIP-compressed OpenEXR file with `metadata` as string attributes. Alpha is 1 on
 /// lit texels and 0 in padding. Every value must be finite and, in half precision, <= 65504
 /// (checked: `internal`, names the texel). The bytes depend on the arguments only: no dates, no
-/// host names. Errors: `io_error`.
+/// host names. Errors: `io_error`, `canceled`.
 proto::Expected<void> write_exr(const std::filesystem::path&, std::span<const ExrLayer>,
                                 proto::Precision,
-                                std::span<const std::pair<std::string, std::string>> metadata);
+                                std::span<const std::pair<std::string, std::string>> metadata,
+                                const std::stop_token& = {});
 /// Reads R,G,B of the first part of any flat OpenEXR file up to 2^27 pixels. Coverage is the alpha
 /// where that is over one half, else 0 (other bakers write partial coverage as alpha); 1 without
 /// alpha. The header is checked before memory is taken. Errors: `invalid_image`.
@@ -68,12 +70,13 @@ struct OutputInput {
   const FilteredLight& filtered;
 };
 /// Writes all the files that settings ask for into `dir`, each as a temporary that is flushed and
-/// renamed when whole. Fills pages, nodes, files and warnings of `manifest`, whose other members
-/// must be set before; manifest.json comes last and lists all files but itself, `manifest` lists it
-/// too. A page over 60,000 lx is written as float, with the warning `half_overflow`. Errors:
-/// `internal` (a value that is not finite, with its texel), `io_error`, `canceled`.
+/// renamed when whole, those of a page at the same time. Fills pages, nodes, files and warnings of
+/// `manifest`, whose other members must be set before; manifest.json comes last and lists all files
+/// but itself, `manifest` lists it too. A page over 60,000 lx is written as float, with the warning
+/// `half_overflow`. Errors: `internal` (a value that is not finite, with its texel), `io_error`,
+/// `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,
-                                    std::stop_token);
+                                    ThreadPool&, std::stop_token);
 
 }  // namespace kiln::baker

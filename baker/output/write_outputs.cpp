@@ -1,5 +1,7 @@
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
@@ -59,8 +61,14 @@ struct Layer {
 class Writer {
  public:
   Writer(const std::filesystem::path& dir, const OutputInput& in,
-         const proto::BakeSettings& settings, proto::Manifest& manifest, std::stop_token stop)
-      : dir_(dir), in_(in), settings_(settings), manifest_(manifest), stop_(std::move(stop)) {}
+         const proto::BakeSettings& settings, proto::Manifest& manifest, ThreadPool& pool,
+         std::stop_token stop)
+      : dir_(dir),
+        in_(in),
+        settings_(settings),
+        manifest_(manifest),
+        pool_(pool),
+        stop_(std::move(stop)) {}
 
   proto::Expected<void> run() {
     if (auto ok = load_layers(); !ok) return ok;
@@ -76,6 +84,10 @@ class Writer {
  private:
   proto::Expected<void> load_layers() {
     for (const std::string& name : settings_.output.layers) {
+      if (name == "irradiance") {  // the page has it anyway
+        layers_.push_back({name, {}});
+        continue;
+      }
       auto values = layer_values(in_, name);
       if (!values) return Unexpected(values.error());
       layers_.push_back({name, std::move(*values)});
@@ -95,9 +107,40 @@ class Writer {
     return compose_page(in_.texels, page, values, settings_.post.dilate);
   }
 
+  /// The files of a page are made at the same time, one by each thread.
   proto::Expected<void> write_page(std::uint32_t p) {
     if (auto ok = canceled(); !ok) return ok;
     const PageImage irradiance = compose(p, irradiance_);
+    auto info = look_at(p, irradiance);
+    if (!info) return Unexpected(info.error());
+    const float exposure =
+        settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(irradiance);
+
+    PageFiles made;
+    std::vector<std::function<proto::Expected<void>()>> tasks;
+    if (contains(settings_.output.formats, "exr")) {
+      info->exr = page_name(p, ".exr");
+      tasks.push_back([&] { return write_page_exr(p, irradiance, info->exr, made); });
+    }
+    if (contains(settings_.output.formats, "png")) {
+      info->preview = page_name(p, ".png");
+      info->preview_exposure = exposure;
+      tasks.push_back([&] { return write_preview(irradiance, *info, made); });
+    }
+    if (contains(settings_.output.formats, "glb"))
+      tasks.push_back([&] { return make_lit_page(irradiance, info->exr, exposure, made); });
+    if (auto ok = run(tasks); !ok) return ok;
+
+    for (auto* file : {&made.exr, &made.preview})
+      if (*file) manifest_.files.push_back(std::move(**file));
+    if (made.lit) lit_pages_.push_back(std::move(*made.lit));
+    if (made.warning) manifest_.warnings.push_back(std::move(*made.warning));
+    manifest_.pages.push_back(std::move(*info));
+    return {};
+  }
+
+  /// Size, lit texels and their maximum.
+  static proto::Expected<proto::PageInfo> look_at(std::uint32_t p, const PageImage& irradiance) {
     proto::PageInfo info;
     info.width = irradiance.width;
     info.height = irradiance.height;
@@ -111,49 +154,55 @@ class Writer {
       ++info.texels;
       info.max_lx = std::max(info.max_lx, max_channel(v));
     }
-    if (auto ok = write_page_exr(p, info); !ok) return ok;
-    if (auto ok = write_preview(p, irradiance, info); !ok) return ok;
-    if (auto ok = canceled(); !ok) return ok;
-    if (contains(settings_.output.formats, "glb")) {
-      auto lit = encode_lit_page(irradiance);
-      if (!lit) return Unexpected(lit.error());
-      lit->exr = info.exr;
-      lit->exposure =
-          settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(irradiance);
-      lit_pages_.push_back(std::move(*lit));
-    }
-    manifest_.pages.push_back(std::move(info));
+    return info;
+  }
+
+  /// What the tasks of one page bring; each writes its own members.
+  struct PageFiles {
+    std::optional<proto::ResultFile> exr, preview;
+    std::optional<LitPage> lit;
+    std::optional<proto::Warning> warning;
+  };
+
+  /// All tasks on the pool; the first error in their order.
+  proto::Expected<void> run(std::span<const std::function<proto::Expected<void>()>> tasks) {
+    std::vector<proto::Expected<void>> results(tasks.size());
+    const bool whole = pool_.for_batches(std::uint32_t(tasks.size()), stop_,
+                                         [&](std::uint32_t i) { results[i] = tasks[i](); });
+    if (!whole) return canceled();
+    for (auto& result : results)
+      if (!result) return result;
     return {};
   }
 
-  proto::Expected<void> write_page_exr(std::uint32_t p, proto::PageInfo& info) {
-    if (!contains(settings_.output.formats, "exr")) return {};
-    std::vector<PageImage> images;
+  proto::Expected<void> write_page_exr(std::uint32_t p, const PageImage& irradiance,
+                                       const std::string& name, PageFiles& made) const {
+    std::vector<PageImage> images;  // of the other layers
+    images.reserve(layers_.size());
+    std::vector<ExrLayer> named;
     float max = 0;
     for (const Layer& layer : layers_) {
-      images.push_back(compose(p, layer.values));
-      for (const Rgb v : images.back().rgb) max = std::max(max, max_channel(v));
+      const PageImage* image = &irradiance;
+      if (layer.name != "irradiance") image = &images.emplace_back(compose(p, layer.values));
+      named.push_back({layer.name, image});
+      for (const Rgb v : image->rgb) max = std::max(max, max_channel(v));
     }
-    std::vector<ExrLayer> named;
-    for (std::size_t i = 0; i < images.size(); ++i) named.push_back({layers_[i].name, &images[i]});
-
-    info.exr = page_name(p, ".exr");
     proto::Precision precision = settings_.output.precision;
     if (precision == proto::Precision::kHalf && max > kHalfLimitLx) {
       precision = proto::Precision::kFloat;
-      manifest_.warnings.push_back({"half_overflow", "",
-                                    info.exr + " is written as float: it holds " +
-                                        std::to_string(std::lround(max)) +
-                                        " lx, and half precision ends at 65,504"});
+      made.warning = {"half_overflow", "",
+                      name + " is written as float: it holds " + std::to_string(std::lround(max)) +
+                          " lx, and half precision ends at 65,504"};
     }
     const auto metadata = exr_metadata(p);
-    if (auto ok = proto::write_whole(dir_ / info.exr,
+    if (auto ok = proto::write_whole(dir_ / name,
                                      [&](const std::filesystem::path& temporary) {
-                                       return write_exr(temporary, named, precision, metadata);
+                                       return write_exr(temporary, named, precision, metadata,
+                                                        stop_);
                                      });
         !ok)
       return ok;
-    return add_file(info.exr, "image/x-exr");
+    return digest(name, "image/x-exr", made.exr);
   }
 
   std::vector<std::pair<std::string, std::string>> exr_metadata(std::uint32_t page) const {
@@ -177,16 +226,22 @@ class Writer {
     };
   }
 
-  proto::Expected<void> write_preview(std::uint32_t p, const PageImage& image,
-                                      proto::PageInfo& info) {
-    if (!contains(settings_.output.formats, "png")) return {};
-    info.preview = page_name(p, ".png");
-    info.preview_exposure =
-        settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(image);
+  proto::Expected<void> write_preview(const PageImage& image, const proto::PageInfo& info,
+                                      PageFiles& made) const {
     const auto png = encode_png(tone_map(image, info.preview_exposure), image.width, image.height);
     if (!png) return Unexpected(png.error());
     if (auto ok = proto::write_bytes(dir_ / info.preview, *png); !ok) return ok;
-    return add_file(info.preview, "image/png");
+    return digest(info.preview, "image/png", made.preview);
+  }
+
+  static proto::Expected<void> make_lit_page(const PageImage& image, const std::string& exr,
+                                             float exposure, PageFiles& made) {
+    auto lit = encode_lit_page(image);
+    if (!lit) return Unexpected(lit.error());
+    lit->exr = exr;
+    lit->exposure = exposure;
+    made.lit = std::move(*lit);
+    return {};
   }
 
   void fill_nodes() {
@@ -232,9 +287,16 @@ class Writer {
   }
 
   proto::Expected<void> add_file(const std::string& name, const char* media_type) {
+    std::optional<proto::ResultFile> file;
+    if (auto ok = digest(name, media_type, file); !ok) return ok;
+    manifest_.files.push_back(std::move(*file));
+    return {};
+  }
+  proto::Expected<void> digest(const std::string& name, const char* media_type,
+                               std::optional<proto::ResultFile>& file) const {
     auto digest = proto::digest_file(dir_ / name);
     if (!digest) return Unexpected(digest.error());
-    manifest_.files.push_back({name, media_type, digest->bytes, std::move(digest->sha256)});
+    file = {name, media_type, digest->bytes, std::move(digest->sha256)};
     return {};
   }
 
@@ -242,6 +304,7 @@ class Writer {
   const OutputInput& in_;
   const proto::BakeSettings& settings_;
   proto::Manifest& manifest_;
+  ThreadPool& pool_;
   std::stop_token stop_;
   std::vector<Layer> layers_;
   std::vector<Rgb> irradiance_;
@@ -252,8 +315,8 @@ class Writer {
 
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput& in,
                                     const proto::BakeSettings& settings, proto::Manifest& manifest,
-                                    std::stop_token stop) {
-  return Writer(dir, in, settings, manifest, std::move(stop)).run();
+                                    ThreadPool& pool, std::stop_token stop) {
+  return Writer(dir, in, settings, manifest, pool, std::move(stop)).run();
 }
 
 }  // namespace kiln::baker

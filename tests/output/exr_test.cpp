@@ -94,6 +94,18 @@ TEST(Exr, AMissingFolderIsAnIoError) {
   EXPECT_EQ(ok.error().code, "io_error");
 }
 
+TEST(Exr, StopsWhenTold) {
+  const TempFolder folder;
+  const PageImage image = gradient(70, 66);
+  const ExrLayer layer{"irradiance", &image};
+  std::stop_source stop;
+  stop.request_stop();
+  const auto ok = write_exr(folder.path() / "a.exr", {&layer, 1}, proto::Precision::kHalf, {},
+                            stop.get_token());
+  ASSERT_FALSE(ok);
+  EXPECT_EQ(ok.error().code, proto::kCanceledCode);
+}
+
 std::string read_error(const std::filesystem::path& path) {
   const auto image = read_exr(path);
   return image ? "" : image.error().code;

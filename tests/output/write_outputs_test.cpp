@@ -19,6 +19,7 @@ struct Baked {
   Lightmap light;
   proto::BakeSettings settings;
   proto::Manifest manifest;
+  ThreadPool pool{2};
 
   Baked() {
     files.main = folder.path() / "cornell.glb";
@@ -45,7 +46,7 @@ struct Baked {
                                  std::vector<float>(light.size(), 9.f),
                                  std::vector<float>(light.size(), 16.f)};
     return write_outputs(out(), {files, scene, atlas, texels, light, filtered}, settings, manifest,
-                         stop);
+                         pool, stop);
   }
 };
 
