@@ -14,48 +14,6 @@ constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;
-/// Share of a tile's samples that goes by power alone: no light that some point of it sees has
-/// probability zero.
-constexpr float kDefensiveShare = 0.02f;
-
-/// Probabilities of the area lights for some texels.
-struct LightDistribution {
-  std::vector<float> probability;
-
-  explicit LightDistribution(std::size_t lights) : probability(lights) {}
-
-  void clear() { std::fill(probability.begin(), probability.end(), 0.f); }
-
-  /// Adds what `texel` gets from each light: at one point for lights far away against the
-  /// footprint, else at all of its points, for its middle tells little then.
-  void add_pilot(const SolverInput& in, std::uint32_t texel, const Footprint& at) {
-    const Vec3 p = in.texels.position[texel], n = in.texels.shading_normal[texel];
-    float radius2 = 0;
-    for (const Vec3& q : at.position) radius2 = std::max(radius2, dot(q - p, q - p));
-    const float near = kNearRadii * std::sqrt(radius2);
-    for (std::size_t l = 0; l < probability.size(); ++l) {
-      const AreaLight& light = in.lights.area()[l];
-      if (light.least_distance(p) > near) {
-        probability[l] += in.lights.unoccluded_estimate(light, p, n);
-        continue;
-      }
-      for (std::uint32_t i = 0; i < Footprint::kPoints; ++i)
-        probability[l] +=
-            (1.f / Footprint::kPoints) *
-            in.lights.unoccluded_estimate(light, at.position[i], at.shading_normal[i]);
-    }
-  }
-
-  void finish(const SolverInput& in) {
-    double total = 0;
-    for (float p : probability) total += p;
-    const auto& share = in.lights.power_share();
-    for (std::size_t l = 0; l < probability.size(); ++l)
-      probability[l] = total > 0 ? (1 - kDefensiveShare) * float(probability[l] / total) +
-                                       kDefensiveShare * share[l]
-                                 : share[l];
-  }
-};
 
 /// Light that arrived, in two halves of the samples, each of which is an estimate of half of it.
 struct Halves {
@@ -129,46 +87,88 @@ Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shad
   return shadows.take_sum().sum();
 }
 
-/// Light from the area lights by `count` samples, drawn systematically from `probability`, whose
-/// sum is 1. Unbiased. `first` samples were drawn before.
-Halves sampled_light(const SolverInput& in, const Footprint& at, std::span<const float> probability,
-                     std::uint32_t first, std::uint32_t count, std::uint32_t seed,
-                     ShadowBatch& shadows) {
+/// Picks lights by rising positions in [0, 1) from shares that sum to 1, as LightChoice::Walk does.
+class ShareWalk {
+ public:
+  explicit ShareWalk(std::span<const float> share) : share_(share) {}
+
+  LightChoice::Pick at(double position) {
+    while (light_ + 1 < share_.size() && position >= below_ + double(share_[light_]))
+      below_ += double(share_[light_++]);
+    return {light_, share_[light_]};
+  }
+
+ private:
+  std::span<const float> share_;
+  std::uint32_t light_ = 0;
+  double below_ = 0;  // summed shares of the lights before light_
+};
+
+/// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
+/// Unbiased. `first` samples were drawn before.
+template <class Walk>
+Halves sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std::uint32_t first,
+                     std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1, first));
   const std::uint32_t point_flip = hash(seed, 2);
-  std::size_t l = 0;
-  float below = 0;  // summed probability of the lights before l
   for (std::uint32_t k = 0; k < count; ++k) {
-    const float position = (float(k) + start) / float(count);
-    while (l + 1 < probability.size() && position >= below + probability[l])
-      below += probability[l++];
-    if (!(probability[l] > 0)) continue;
+    const LightChoice::Pick pick = walk.at((double(k) + double(start)) / double(count));
+    if (!(pick.probability > 0)) continue;
     // Runs of four and strides of four both spread over the footprint: neither the part of a light
     // nor the stratum of the net that a run makes goes with one point alone.
     const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
     // Every second draw is a systematic sample by itself; so are both halves of the sequence.
     const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
-    const LightSample s =
-        in.lights.sample(in.lights.area()[l], at.position[i], scrambled(sobol(point), seed));
+    const LightSample s = in.lights.sample(in.lights.area()[pick.light], at.position[i],
+                                           scrambled(sobol(point), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
-    const Rgb value = s.value * (cosine / (float(count) * probability[l]));
+    const Rgb value = s.value * (cosine / (float(count) * pick.probability));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);
   }
   return shadows.take_sum();
 }
 
-/// Fills `lights` for the tile: up to four texels spread over it, and one of each chart in it.
-void pilot_tile(const SolverInput& in, TexelRange tile, LightDistribution& lights) {
-  lights.clear();
-  const std::uint32_t step = std::max(1u, tile.size() / kPilots);
-  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    const bool new_surface = t > tile.begin && (in.texels.chart[t] != in.texels.chart[t - 1] ||
-                                                dot(in.texels.shading_normal[t],
-                                                    in.texels.shading_normal[t - 1]) < 0.9f);
-    if ((t - tile.begin) % step == 0 || new_surface) lights.add_pilot(in, t, Footprint(in, t));
+/// Many lights: the texels of a tile choose among them alike.
+class ManyLights {
+ public:
+  explicit ManyLights(const SolverInput& in) : in_(in), lamp_(in), choice_(in.lights.table()) {}
+
+  /// Looks at the lights from up to four texels spread over the tile, and from one of each surface
+  /// in it.
+  void start_tile(TexelRange tile) {
+    choice_.clear();
+    const TextureGroup& texels = in_.texels;
+    const std::uint32_t step = std::max(1u, tile.size() / kPilots);
+    for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+      const bool new_surface =
+          t > tile.begin && (texels.chart[t] != texels.chart[t - 1] ||
+                             dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
+      if ((t - tile.begin) % step == 0 || new_surface) look_from(t);
+    }
+    choice_.finish();
   }
-  lights.finish(in);
-}
+  LightChoice::Walk walk() const { return LightChoice::Walk(choice_); }
+
+ private:
+  /// At one point towards lights that are far away against the footprint, else at all of its
+  /// points, for its middle tells little then.
+  void look_from(std::uint32_t texel) {
+    const Footprint at(in_, texel);
+    const PointFrames frames = at.frames();
+    const Vec3 p = in_.texels.position[texel];
+    float radius2 = 0;
+    for (const Vec3& q : at.position) radius2 = std::max(radius2, dot(q - p, q - p));
+    choice_.add(p, in_.texels.shading_normal[texel], kNearRadii * std::sqrt(radius2),
+                [&](std::uint32_t l) {
+                  const AreaLight& light = in_.lights.area()[l];
+                  return luminance(light.radiance) * lamp_.view(light, at, frames).mean;
+                });
+  }
+
+  const SolverInput& in_;
+  const LampLight lamp_;
+  LightChoice choice_;
+};
 
 /// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the
 /// others share what is left.
@@ -207,7 +207,7 @@ class FewLights {
     const auto part = [&](std::uint32_t n) {
       return std::uint32_t(std::ceil(float(n) * (rest / total)));
     };
-    to.add(sampled_light(in_, at, share_, part(first), part(count), seed, shadows));
+    to.add(sampled_light(in_, at, ShareWalk(share_), part(first), part(count), seed, shadows));
   }
   std::uint64_t traced() const { return traced_; }
 
@@ -229,11 +229,11 @@ std::uint64_t DirectLight::run(TexelRange range, std::uint32_t first, std::uint3
   const std::size_t light_count = in_.lights.area().size();
   const bool few = light_count <= kFewLights;
   FewLights few_lights(in_);
-  LightDistribution lights(light_count);
+  ManyLights many_lights(in_);
   ShadowBatch shadows(in_.rays);
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
     if (light_count > 0 && !few && t % kTileTexels == 0)
-      pilot_tile(in_, {t, std::min(t + kTileTexels, in_.texels.size())}, lights);
+      many_lights.start_tile({t, std::min(t + kTileTexels, in_.texels.size())});
     const Footprint at(in_, t);
     const std::uint32_t seed = texel_seed(in_, t, Purpose::kDirect);
     Arrived arrived;
@@ -241,7 +241,7 @@ std::uint64_t DirectLight::run(TexelRange range, std::uint32_t first, std::uint3
     if (light_count > 0 && few)
       few_lights.run(at, first, count, seed, shadows, arrived);
     else if (light_count > 0)
-      arrived.add(sampled_light(in_, at, lights.probability, first, count, seed, shadows));
+      arrived.add(sampled_light(in_, at, many_lights.walk(), first, count, seed, shadows));
     irradiance[t] = arrived.irradiance;
     spread[t] = arrived.spread;
   }

@@ -56,12 +56,6 @@ LightSet::LightSet(const Scene& scene)
       power_share_(power_shares(area_)),
       table_(area_, power_share_) {}
 
-float LightSet::unoccluded_estimate(const AreaLight& l, Vec3 p, Vec3 n) const {
-  return l.shows_to(l.height_over(p))
-             ? luminance(l.radiance) * polygon_irradiance(p, n, l.outline())
-             : 0;
-}
-
 bool LightSet::is_near(const AreaLight& l, Vec3 from) {
   return l.longest_edge_m > kNearRatio * length(l.centre() - from);
 }

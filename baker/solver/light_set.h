@@ -39,10 +39,6 @@ class LightSet {
   const LightTable& table() const { return table_; }
   bool empty() const { return area_.empty() && scene_.lights.empty() && is_black(scene_.sky); }
 
-  /// Irradiance at `p` from the whole light, unoccluded, if its radiance were its mean: what
-  /// importance is made of. Luminance-weighted, lx.
-  float unoccluded_estimate(const AreaLight&, Vec3 p, Vec3 n) const;
-
   /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
   /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
   LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;

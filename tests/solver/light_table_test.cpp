@@ -1,4 +1,4 @@
-// Choosing among many lights: the weights and the intervals.
+// Choosing among many lights: the weights, the intervals, and the light that comes of it.
 #include "baker/solver/light_table.h"
 
 #include <gtest/gtest.h>
@@ -8,6 +8,7 @@
 
 #include "baker/solver/sampling.h"
 #include "baker/solver/sobol.h"
+#include "tests/solver/quad_scene.h"
 
 namespace kiln::baker::test {
 namespace {
@@ -187,6 +188,45 @@ TEST(LightChoice, PositionsPastTheEndPickTheLastPlace) {
   LightChoice::Walk walk(choice);
   EXPECT_GT(walk.at(1 - 0x1p-53).probability, -1);  // wherever rounding leaves the last end
   EXPECT_GE(walk.at(1).probability, 0);
+}
+
+// Eighty lamps over a floor and close beside it, against Lambert's formula. Nothing is in the way.
+TEST(ManyLights, AddUpToLambertsFormula) {
+  QuadScene scene(64);
+  const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
+  scene.build();
+  auto& lamps = scene.scene().rect_lights;
+  for (std::uint32_t i = 0; i < 80; ++i) {
+    const Vec3 at = vector_of(i, 21);
+    const float height = i % 8 == 0 ? 0.02f : 0.6f + 0.4f * at.y, level = float(1 + i % 9);
+    lamps.push_back(
+        {{at.x, height, at.z}, {0.05f, 0.03f * at.y, 0}, {0, 0, 0.04f}, {level, level, level}});
+  }
+  proto::SolverSettings settings;
+  settings.bounces = 0;
+  settings.direct_samples = 64;
+  const auto texels = scene.texels_of(floor);
+  const SeedStudy study(scene, settings, 16, texels);
+  const TextureGroup& group = scene.texels();
+  double sum = 0, area = 0;
+  for (const std::uint32_t t : texels) {
+    double e = 0;
+    for (const SamplePoint& s : group.points_of(t)) {
+      const Vec3 p = position_at(scene.scene(), s.triangle, s.bary());
+      for (const RectLight& l : lamps) {
+        const Vec3 n = normalize(cross(l.edge_u, l.edge_v));
+        if (dot(n, p - l.corner) <= 0) continue;
+        const Vec3 outline[4] = {l.corner, l.corner + l.edge_u, l.corner + l.edge_u + l.edge_v,
+                                 l.corner + l.edge_v};
+        e += double(l.radiance.g * polygon_irradiance(p, {0, 1, 0}, outline));
+      }
+    }
+    sum += e / TextureGroup::kPointsPerTexel * double(group.area_m2[t]);
+    area += double(group.area_m2[t]);
+  }
+  EXPECT_GT(study.area_standard_error, 0);
+  EXPECT_LT(study.area_standard_error, 0.002 * study.area_mean);
+  EXPECT_NEAR(study.area_mean, sum / area, 6 * study.area_standard_error);  // 15 degrees of freedom
 }
 
 }  // namespace
