@@ -23,6 +23,7 @@ import OpenImageIO as oiio
 
 LIGHTKILN = "build/release/lightkiln"
 SIZE, BOUNCES, THREADS = 256, 8, 2
+SHORT = 3  # s: bakes that take longer are not repeated
 GENERATED = ["many_lights", "room_textured"]
 WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder brings scenes of this kind
 FIELDS = ["tool", "series", "scene", "setting", "seconds", "cpu_seconds", "solve_seconds", "texels",
@@ -34,6 +35,7 @@ class Effort:
 
     def __init__(self, quick):
         self.gather = [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024]
+        self.presets = ["draft"] if quick else ["draft", "preview", "production", "reference"]
         self.path = [4] if quick else [16]
         self.reference = 16 if quick else 256
         self.cycles = [4, 16] if quick else [16, 64, 256, 1024]
@@ -42,8 +44,11 @@ class Effort:
 def ours_settings(effort):
     """(series, label, settings) of each point of our curves."""
     for n in effort.gather:
-        yield "gather", f"samples {n}, direct {max(16, n // 4)}", {
-            "solver.samples": n, "solver.direct_samples": max(16, n // 4)}
+        fixed = {"solver.samples": n, "solver.direct_samples": n}
+        yield "gather", f"samples {n}", {**fixed, "post.filter": False}
+        yield "filter", f"samples {n}", {**fixed, "post.filter": True}
+    for preset in effort.presets:
+        yield "presets", preset, {"quality.preset": preset}
     for n in effort.path:
         yield "path", f"samples {n}", {"solver.method": "path", "solver.samples": n}
 
@@ -118,7 +123,9 @@ class Lightkiln:
         refs = self.references(effort, keep)
         r1, r2 = refs[0][1], refs[1][1]
         for series, label, settings in ours_settings(effort):
-            runs = [self.bake(folder_name(label, series), settings) for _ in range(repeat)]
+            runs = [self.bake(folder_name(label, series), settings)]
+            while len(runs) < repeat and runs[0][0]["seconds"] < SHORT:
+                runs.append(self.bake(folder_name(label, series), settings))
             image = runs[0][1]
             yield row("lightkiln", series, self.scene, label, image,
                       {k: statistics.median(r[0][k] for r in runs) for k in runs[0][0]},

@@ -8,9 +8,10 @@ import re
 import shutil
 from pathlib import Path
 
-COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "presets": "#1e8449"}
-NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather",
-         "presets": "Lightkiln, presets"}
+COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter": "#1e8449",
+           "presets": "#8e44ad"}
+NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather, no filter",
+         "filter": "Lightkiln, gather", "presets": "Lightkiln, presets"}
 TARGETS = [0.05, 0.02, 0.01]
 
 
@@ -105,8 +106,8 @@ def plot(title, curves):
         parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="{colour}"/>'
                   for x, y in places]
         y = axes.top + 20 + 18 * i
-        parts += [line(axes.left + 400, y - 4, axes.left + 425, y - 4, colour, 3),
-                  text(axes.left + 432, y, NAMES[series])]
+        parts += [line(axes.left + 350, y - 4, axes.left + 375, y - 4, colour, 3),
+                  text(axes.left + 382, y, NAMES[series])]
     parts += [text(axes.left + axes.width / 2, 452, "CPU seconds of the bake", "middle"),
               "</svg>"]
     return "\n".join(parts) + "\n"
@@ -134,7 +135,7 @@ def factors(rows):
     """Time to equal error, ours against Cycles'."""
     out = []
     for scene in scenes(rows):
-        for series in ("gather", "presets"):
+        for series in ("gather", "filter", "presets"):
             for goal in TARGETS:
                 theirs = seconds_to(curve(rows, scene, "cycles"), goal)
                 ours = seconds_to(curve(rows, scene, series), goal)
