@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -116,12 +117,26 @@ void count_light(const Solution& solution, proto::Statistics& s) {
   for (const float v : solution.light->validity) s.invalid_texels += v < kValidShare;
 }
 
-void warn_of_texels(const proto::Statistics& s, std::vector<proto::Warning>& warnings) {
+std::string percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g %%", 100 * share);
+  return text;
+}
+
+/// @param target_error 0: none
+void warn_of_texels(const proto::Statistics& s, double target_error,
+                    std::vector<proto::Warning>& warnings) {
   if (s.albedo_capped_texels > 0)
     warnings.push_back({"albedo_capped", "",
                         std::to_string(s.albedo_capped_texels) + " of " + std::to_string(s.texels) +
                             " texels had an albedo above 0.98, which was lowered to 0.98 so that "
                             "the light between surfaces converges."});
+  if (s.standard_error && target_error > 0 && *s.standard_error > target_error)
+    warnings.push_back({"target_error_missed", "",
+                        "The standard error is " + percent(*s.standard_error) + ", not the " +
+                            percent(target_error) +
+                            " that were asked for: quality.max_samples is reached, or what is left "
+                            "can't be lowered by samples."});
   if (s.invalid_texels > 0)
     warnings.push_back({"texels_inside_geometry", "",
                         std::to_string(s.invalid_texels) + " of " + std::to_string(s.texels) +
@@ -266,7 +281,8 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   if (!solution) return Unexpected(solution.error());
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();
-  warn_of_texels(manifest.statistics, manifest.warnings);
+  const auto plan = sample_plan(input.settings.solver, input.settings.quality);
+  warn_of_texels(manifest.statistics, double(plan.target_error), manifest.warnings);
 
   course.enter("output", kSolvedAt);
   manifest.statistics.peak_memory_bytes = peak_memory_bytes();

@@ -41,13 +41,13 @@ constexpr float target_error(Preset preset) {
     case Preset::kDraft:
       return 0.1f;
     case Preset::kPreview:
-      return 0.03f;
+      return 0.05f;
     case Preset::kProduction:
       break;
     case Preset::kReference:
-      return 0.0025f;
+      return 0.005f;
   }
-  return 0.01f;
+  return 0.02f;
 }
 inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));

@@ -110,8 +110,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.quality.preset; }>(
           {.path = "quality.preset", .kind = kChoice,
            .choices = {"draft", "preview", "production", "reference"},
-           .description = "A target_error by name: draft 0.1, preview 0.03, production 0.01, "
-                          "reference 0.0025."}),
+           .description = "A target_error by name: draft 0.1, preview 0.05, production 0.02, "
+                          "reference 0.005."}),
       row<[](auto& s) -> auto& { return s.quality.target_error; }>(
           {.path = "quality.target_error", .kind = kNumber, .min = 0.0005, .max = 1,
            .nullable = true,

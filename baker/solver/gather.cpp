@@ -149,10 +149,10 @@ class GatherSolver final : public Solver {
   std::uint64_t trace(TexelRange range, Lightmap& after);
   std::uint64_t refine(TexelRange range, const Lightmap& before, Lightmap& after);
   void bounce(TexelRange range, Lightmap& after);
-  std::uint64_t add_samples(TexelRange range, const Lightmap& before, Lightmap& after);
-  std::uint64_t add_directions(TexelRange tile, const DirectionSet&, const Lightmap& before,
-                               Lightmap& after);
-  void interpolate(Lightmap& light);
+  std::uint64_t add_samples(TexelRange range, Lightmap& light);
+  std::uint64_t add_shadow_rays(TexelRange tile, Lightmap& light);
+  std::uint64_t add_directions(TexelRange tile, const DirectionSet&, Lightmap& light);
+  bool interpolate(Lightmap& light, const Workers&);
 
   const SolverInput in_;
   const SamplePlan plan_;
@@ -239,7 +239,7 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
                                 Lightmap& after) {
   if (pass.name == kTrace) return trace(range, after);
   if (pass.name == kRefine) return refine(range, before, after);
-  if (pass.name == kRound) return add_samples(range, before, after);
+  if (pass.name == kRound) return add_samples(range, after);
   if (pass.name == kDirect) {
     const std::uint32_t count = plan_.shadow_rays;
     std::fill(&after.direct_samples[range.begin], &after.direct_samples[range.end - 1] + 1, count);
@@ -256,7 +256,8 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
     std::fill(after.indirect.begin(), after.indirect.end(), Rgb{});
     std::fill(after.indirect_spread.begin(), after.indirect_spread.end(), Rgb{});
   }
-  if (needs_rays_ && pass.name != kDirect && plan_.coarse) interpolate(after);
+  if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(after, workers))
+    return false;
   return !pass.completes || rounds_.judge(after, workers, report);
 }
 
@@ -294,60 +295,74 @@ void GatherSolver::bounce(TexelRange range, Lightmap& after) {
   }
 }
 
-std::uint64_t GatherSolver::add_samples(TexelRange range, const Lightmap& before, Lightmap& after) {
+std::uint64_t GatherSolver::add_samples(TexelRange range, Lightmap& light) {
   std::uint64_t traced = 0;
   for (std::uint32_t t = range.begin; t < range.end; t += SampleRounds::kTileTexels) {
     const TexelRange tile{t, std::min(t + SampleRounds::kTileTexels, range.end)};
-    if (const std::uint32_t more = rounds_.more_shadow_rays(tile)) {
-      const std::uint32_t had = before.direct_samples[t];
-      traced += direct_.run(tile, had, more, after.direct, after.direct_spread);
-      for (std::uint32_t i = tile.begin; i < tile.end; ++i) {
-        after.direct[i] = joined(before.direct[i], had, after.direct[i], more);
-        after.direct_spread[i] = joined(before.direct_spread[i], had, after.direct_spread[i], more);
-        after.direct_samples[i] = had + more;
-      }
+    const SampleRounds::Doublings times = rounds_.of(tile);
+    for (std::uint32_t i = 0; i < times.shadow_rays; ++i) traced += add_shadow_rays(tile, light);
+    for (std::uint32_t i = 0; i < times.directions; ++i) {
+      const auto set = more_.find(light.samples[t]);
+      if (set != more_.end()) traced += add_directions(tile, set->second, light);
     }
-    if (rounds_.takes_directions(tile))
-      traced += add_directions(tile, more_.at(before.samples[t]), before, after);
+  }
+  return traced;
+}
+
+std::uint64_t GatherSolver::add_shadow_rays(TexelRange tile, Lightmap& light) {
+  const std::uint32_t had = light.direct_samples[tile.begin], more = rounds_.more_shadow_rays(had);
+  if (more == 0) return 0;
+  const auto part = [&](const std::vector<Rgb>& plane) {
+    return std::vector<Rgb>(plane.begin() + tile.begin, plane.begin() + tile.end);
+  };
+  const std::vector<Rgb> mean = part(light.direct), spread = part(light.direct_spread);
+  const std::uint64_t traced = direct_.run(tile, had, more, light.direct, light.direct_spread);
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    light.direct[t] = joined(mean[t - tile.begin], had, light.direct[t], more);
+    light.direct_spread[t] = joined(spread[t - tile.begin], had, light.direct_spread[t], more);
+    light.direct_samples[t] = had + more;
   }
   return traced;
 }
 
 std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& set,
-                                           const Lightmap& before, Lightmap& after) {
+                                           Lightmap& light) {
   std::vector<std::uint32_t> hits(set.size());
   const std::uint32_t had = set.first, more = set.size();
   std::uint64_t traced = 0;
+  const auto join = [&](const Estimate& e, Rgb& mean, Rgb& spread) {
+    mean = joined(mean, had, e.mean, more);
+    spread = joined(spread, had, e.spread, more);
+  };
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    after.samples[t] = had + more;
+    light.samples[t] = had + more;
     if (!gathers(t)) continue;
     hemisphere_.follow(t, set, hits);
-    const Estimate sky = sky_light(set, hits);
-    after.sky[t] = joined(before.sky[t], had, sky.mean, more);
-    after.sky_spread[t] = joined(before.sky_spread[t], had, sky.spread, more);
+    join(sky_light(set, hits), light.sky[t], light.sky_spread[t]);
     traced += set.size();
-    if (in_.settings.bounces == 0) continue;
-    const Estimate bounced = feedback_.look_up(set, hits);
-    after.indirect[t] = joined(before.indirect[t], had, bounced.mean, more);
-    after.indirect_spread[t] = joined(before.indirect_spread[t], had, bounced.spread, more);
+    if (in_.settings.bounces > 0)
+      join(feedback_.look_up(set, hits), light.indirect[t], light.indirect_spread[t]);
   }
   return traced;
 }
 
 /// Fills the texels between the sites.
-void GatherSolver::interpolate(Lightmap& light) {
+bool GatherSolver::interpolate(Lightmap& light, const Workers& workers) {
+  constexpr std::uint32_t kRunTexels = 4096;
   const auto mean = [](const CoarseSites::Sites& sites, const std::vector<Rgb>& plane) {
     Rgb sum;
     for (const std::uint32_t s : sites.all()) sum += plane[s];
     return sum * (1 / float(sites.count));
   };
-  for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
-    if (gathers(t)) continue;
-    const CoarseSites::Sites sites = sites_.around(t);
-    for (auto* plane : {&light.sky, &light.sky_spread, &light.indirect, &light.indirect_spread})
-      (*plane)[t] = mean(sites, *plane);
-    light.samples[t] = std::max(light.samples[t], set_.size());
-  }
+  return workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
+    for (std::uint32_t t = begin; t < end; ++t) {
+      if (gathers(t)) continue;
+      const CoarseSites::Sites sites = sites_.around(t);
+      for (auto* plane : {&light.sky, &light.sky_spread, &light.indirect, &light.indirect_spread})
+        (*plane)[t] = mean(sites, *plane);
+      light.samples[t] = std::max(light.samples[t], set_.size());
+    }
+  });
 }
 
 }  // namespace

@@ -9,13 +9,13 @@ namespace {
 /// of it on a diffuse room, so that few texels get more than they need.
 std::uint32_t first_samples(float target_error) {
   if (target_error >= 0.08f) return 16;
-  if (target_error >= 0.02f) return 32;
-  if (target_error >= 0.005f) return 64;
+  if (target_error >= 0.04f) return 32;
+  if (target_error >= 0.008f) return 64;
   return 256;
 }
 
 /// Below this target the bias of interpolated texels would be felt.
-constexpr float kFinestCoarseTarget = 0.004f;
+constexpr float kFinestCoarseTarget = 0.008f;
 /// Paths per texel where nobody said how many.
 constexpr std::uint32_t kPaths = 256;
 

@@ -12,6 +12,8 @@ constexpr float kDarkShare = 0.02f;
 constexpr float kMatters = 0.25f;
 /// Power of the number of samples with which the error falls, about: for the estimate of progress.
 constexpr double kSlope = 0.65;
+/// Doublings of one round.
+constexpr double kMostDoublings = 3;
 /// Texels inside other geometry have nothing to judge.
 constexpr float kHidden = 0.5f;
 
@@ -55,6 +57,10 @@ bool SampleRounds::wants_another(std::span<const proto::PassReport> done) const 
   if (rounds < needed_) return true;
   if (rounds > 0 && last.rays == 0) return false;  // what is left can't be helped by samples
   return in_.plan.target_error > 0 && last.standard_error.value_or(0) > in_.plan.target_error;
+}
+
+std::uint32_t SampleRounds::more_shadow_rays(std::uint32_t had) const {
+  return std::min(had, in_.plan.most_shadow_rays - std::min(had, in_.plan.most_shadow_rays));
 }
 
 std::uint32_t SampleRounds::more_directions(std::uint32_t had) const {
@@ -103,26 +109,32 @@ std::optional<FilteredLight> SampleRounds::filtered(const Lightmap& light, const
   return bank_.run(light, workers);
 }
 
-SampleRounds::Choice SampleRounds::choose(TexelRange tile, const Lightmap& light) const {
-  const std::uint32_t shadow_rays = light.direct_samples[tile.begin],
-                      directions = light.samples[tile.begin];
-  Choice choice;
-  if (can_add_directions_ && directions < in_.plan.directions) choice.directions = true;
-  if (!(in_.plan.target_error > 0)) return choice;
+/// The tile's 95th percentile over the target; 0 without one.
+double SampleRounds::over_target(TexelRange tile) const {
+  if (!(in_.plan.target_error > 0)) return 0;
   std::vector<float> errors(error_.begin() + tile.begin, error_.begin() + tile.end);
-  if (percentile_95(errors) <= in_.plan.target_error) return choice;
+  return double(percentile_95(errors)) / double(in_.plan.target_error);
+}
+
+SampleRounds::Doublings SampleRounds::choose(TexelRange tile, const Lightmap& light) const {
+  Doublings chosen;
+  const bool needs_directions =
+      can_add_directions_ && light.samples[tile.begin] < in_.plan.directions;
+  if (needs_directions) chosen.directions = 1;
+  const double over = over_target(tile);
+  if (!(over > 1)) return chosen;
+  const auto doublings =
+      std::uint32_t(std::clamp(std::floor(std::log2(over) / kSlope), 1.0, kMostDoublings));
   double direct = 0, gathered = 0;
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    direct += filtered_->direct_variance[t];
-    gathered += filtered_->gathered_variance[t];
+    direct += double(filtered_->direct_variance[t]);
+    gathered += double(filtered_->gathered_variance[t]);
   }
   const double matters = kMatters * (direct + gathered);
-  if (can_add_shadow_rays_ && direct >= matters)
-    choice.shadow_rays = std::min(
-        shadow_rays, in_.plan.most_shadow_rays - std::min(shadow_rays, in_.plan.most_shadow_rays));
-  if (can_add_directions_ && gathered >= matters && more_directions(directions) > 0)
-    choice.directions = true;
-  return choice;
+  if (can_add_shadow_rays_ && direct >= matters) chosen.shadow_rays = doublings;
+  if (can_add_directions_ && gathered >= matters && !needs_directions)
+    chosen.directions = doublings;
+  return chosen;
 }
 
 /// Chooses the tiles of the next round, and looks ahead.
@@ -134,24 +146,31 @@ void SampleRounds::foresee(const Lightmap& light) {
   tiles_.clear();
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
-    const Choice chosen = tiles_.emplace_back(choose(tile, light));
-    double work = chosen.shadow_rays;
-    if (chosen.directions) {
-      const std::uint32_t had = light.samples[t];
-      first_directions_.insert(had);
-      work += more_directions(had) * (in_.plan.coarse ? 0.45 : 1);
+    const Doublings chosen = tiles_.emplace_back(choose(tile, light));
+    const double share = double(tile.size()) / light.size();
+    double work = 0;
+    std::uint32_t had = light.direct_samples[t];
+    for (std::uint32_t i = 0; i < chosen.shadow_rays; ++i) {
+      work += share * more_shadow_rays(had);
+      had += more_shadow_rays(had);
     }
-    if (!(work > 0)) continue;
-    work *= double(tile.size()) / light.size();
+    had = light.samples[t];
+    for (std::uint32_t i = 0; i < chosen.directions && more_directions(had) > 0; ++i) {
+      first_directions_.insert(had);
+      work += share * more_directions(had) * (in_.plan.coarse ? 0.45 : 1);
+      had += more_directions(had);
+    }
     next_work_ += work;
-    std::vector<float> errors(error_.begin() + tile.begin, error_.begin() + tile.end);
-    const double over =
-        in_.plan.target_error > 0 ? percentile_95(errors) / double(in_.plan.target_error) : 1;
-    const double rounds = over > 1 ? std::ceil(std::log2(over) / kSlope) : 1;
-    // Each round doubles what there is.
-    all += work * (std::exp2(std::min(rounds, double(limit_))) - 1);
+    all += work * std::exp2(doublings_left(tile));
   }
   expected_work_ = work_done_ + all;
+}
+
+/// Doublings of a tile that rounds after the next one will have to make, as far as can be foreseen.
+double SampleRounds::doublings_left(TexelRange tile) const {
+  const double over = over_target(tile);
+  if (!(over > 1)) return 0;
+  return std::max(0.0, std::min(std::log2(over) / kSlope, double(limit_)) - kMostDoublings);
 }
 
 }  // namespace kiln::baker

@@ -16,7 +16,8 @@ namespace kiln::baker {
 /// The error of a texel is the standard error of its luminance, as FilterBank tells it, over the
 /// luminance plus 2 % of the scene's mean, so that the dark is not chased for ever. A lightmap's
 /// error is the 95th percentile over its texels. Each round doubles the samples of the tiles whose
-/// own 95th percentile is above the target: shadow rays or directions, or both where both matter.
+/// own 95th percentile is above the target, up to three times where it is far above: shadow rays or
+/// directions, or both where both matter.
 class SampleRounds {
  public:
   /// Texels that take samples together: a run of indices, an 8x8 block of a page as a rule.
@@ -37,13 +38,16 @@ class SampleRounds {
   /// Before a round: makes sure that its tiles are chosen. False when stopped.
   bool begin(const Lightmap&, const Workers&);
 
-  /// What the round that was begun adds to a tile; 0: none.
-  std::uint32_t more_shadow_rays(TexelRange tile) const { return choice(tile).shadow_rays; }
-  bool takes_directions(TexelRange tile) const { return choice(tile).directions; }
-  /// Numbers of directions that tiles had which take more.
-  const std::set<std::uint32_t>& first_directions() const { return first_directions_; }
-  /// How many follow on so many.
+  /// How often the round that was begun doubles the samples of a tile.
+  struct Doublings {
+    std::uint32_t shadow_rays = 0, directions = 0;
+  };
+  const Doublings& of(TexelRange tile) const { return tiles_[tile.begin / kTileTexels]; }
+  /// How many samples follow on so many in one doubling: as many again, up to the limit.
+  std::uint32_t more_shadow_rays(std::uint32_t had) const;
   std::uint32_t more_directions(std::uint32_t had) const;
+  /// Numbers of directions that are doubled.
+  const std::set<std::uint32_t>& first_directions() const { return first_directions_; }
 
   /// Expected effort in rays per texel: of the next round, and of all rounds, those done included.
   double next_work() const { return next_work_; }
@@ -53,13 +57,10 @@ class SampleRounds {
   std::optional<FilteredLight> filtered(const Lightmap&, const Workers&);
 
  private:
-  struct Choice {
-    std::uint32_t shadow_rays = 0;
-    bool directions = false;
-  };
-  const Choice& choice(TexelRange tile) const { return tiles_[tile.begin / kTileTexels]; }
-  Choice choose(TexelRange tile, const Lightmap&) const;
+  Doublings choose(TexelRange tile, const Lightmap&) const;
   void foresee(const Lightmap&);
+  double over_target(TexelRange tile) const;
+  double doublings_left(TexelRange tile) const;
 
   const SolverInput& in_;
   FilterBank bank_;
@@ -69,7 +70,7 @@ class SampleRounds {
   std::optional<FilteredLight> filtered_;  ///< the light that was judged last
   const Lightmap* judged_ = nullptr;       ///< which that was, by its address; never read
   std::vector<float> error_;               ///< of each texel, relative
-  std::vector<Choice> tiles_;              ///< of the next round
+  std::vector<Doublings> tiles_;           ///< of the next round
   std::set<std::uint32_t> first_directions_;
   double next_work_ = 0, expected_work_ = 0, work_done_ = 0;
 };

@@ -82,6 +82,8 @@ TEST(CoarseSites, SaveRaysAndRaiseNoError) {
   room.add({{-0.25f, 1.98f, -0.25f}, {0.5f, 0, 0}, {0, 0, 0.5f}, {}, {12, 12, 12}});
   room.build();
   proto::SolverSettings s;
+  s.samples = 256;
+  s.direct_samples = 64;
   const Solution coarse = room.solve(s);
   s.coarse_indirect = false;
   const Solution dense = room.solve(s);

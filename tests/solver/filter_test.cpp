@@ -135,8 +135,7 @@ TEST(FilterBank, DarkStaysDark) {
   }
 }
 
-// What the report says is the error of the bake: measured against a far better one, the 95th
-// percentile of |error| is 1.96 standard errors if they are normal.
+// What a bake says of its error is its error: root mean squares against a far better bake.
 TEST(StandardError, IsThatOfTheBake) {
   QuadScene room(96);
   room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
@@ -156,17 +155,17 @@ TEST(StandardError, IsThatOfTheBake) {
     const Solution bake = room.solve({}, 2, {.target_error = target});
     const double told = bake.passes.back().standard_error.value();
     EXPECT_LE(told, target);
-    std::vector<double> errors;
+    double measured = 0, said = 0;
     for (std::uint32_t t = 0; t < room.texels().front_count; ++t) {
-      const double e = luminance(truth.light->irradiance(t));
-      errors.push_back(std::abs(luminance(bake.irradiance(t)) - e) / (e + 0.02 * mean));
+      const double e = luminance(truth.light->irradiance(t)), scale = e + 0.02 * mean;
+      measured += std::pow((luminance(bake.irradiance(t)) - e) / scale, 2);
+      said +=
+          (bake.filtered.direct_variance[t] + bake.filtered.gathered_variance[t]) / (scale * scale);
     }
-    std::nth_element(errors.begin(), errors.begin() + std::ptrdiff_t(errors.size() * 95 / 100),
-                     errors.end());
-    const double measured = errors[errors.size() * 95 / 100] / 1.96;
-    RecordProperty("told_over_measured", std::to_string(told / measured));
-    EXPECT_GT(told, 0.6 * measured) << target;
-    EXPECT_LT(told, 2 * measured) << target;
+    const double ratio = std::sqrt(said / measured);
+    RecordProperty("told_over_measured", std::to_string(ratio));
+    EXPECT_GT(ratio, 0.6) << target;
+    EXPECT_LT(ratio, 1.7) << target;
   }
 }
 
@@ -177,15 +176,15 @@ TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
   room.add_block({0.5f, 0, 0.5f}, {1, 1, 1}, {0.7f, 0.7f, 0.7f});
   room.add({{0.8f, 1.99f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
   room.build();
-  const Solution bake = room.solve({}, 2, {.target_error = 0.006f});
+  const Solution bake = room.solve({}, 2, {.target_error = 0.009f});
   const auto [least, most] =
       std::minmax_element(bake.light->direct_samples.begin(), bake.light->direct_samples.end());
   EXPECT_EQ(*least, 64u) << "what is fully lit needs no more";
   EXPECT_GE(*most, 256u);
-  const Solution limited = room.solve({}, 2, {.target_error = 0.006f, .max_samples = 64});
+  const Solution limited = room.solve({}, 2, {.target_error = 0.009f, .max_samples = 64});
   for (const std::uint32_t n : limited.light->direct_samples) ASSERT_LE(n, 64u);
   for (const std::uint32_t n : limited.light->samples) ASSERT_LE(n, 64u);
-  EXPECT_GT(*limited.passes.back().standard_error, 0.006);
+  EXPECT_GT(*limited.passes.back().standard_error, 0.009);
 }
 
 }  // namespace
