@@ -98,11 +98,12 @@ class Lightkiln:
         command = [LIGHTKILN, "bake", str(self.glb), "-o", str(out), "--threads", str(THREADS)]
         for key, value in merged.items():
             command += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
-        log = open(self.work / "log", "w")
-        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
-        _, status, used = os.wait4(process.pid, 0)
+        log = self.work / "log"
+        with log.open("w") as f:
+            process = subprocess.Popen(command, stdout=f, stderr=subprocess.STDOUT)
+            _, status, used = os.wait4(process.pid, 0)
         if status != 0:
-            sys.exit(f"bench: {' '.join(command)} failed:\n{(self.work / 'log').read_text()}")
+            sys.exit(f"bench: {' '.join(command)} failed:\n{log.read_text()}")
         manifest = json.loads((out / "manifest.json").read_text())
         stages = {s["name"]: s["seconds"] for s in manifest["statistics"]["stages"]}
         return {"seconds": stages["atlas"] + stages["solve"], "solve_seconds": stages["solve"],
@@ -119,10 +120,12 @@ class Lightkiln:
                 refs.append((None, read_exr(self.work / name / "page_00.exr")))
         return refs
 
-    def curve(self, repeat, effort, keep):
+    def curve(self, repeat, effort, keep, only):
         refs = self.references(effort, keep)
         r1, r2 = refs[0][1], refs[1][1]
         for series, label, settings in ours_settings(effort):
+            if only not in (None, series):
+                continue
             runs = [self.bake(folder_name(label, series), settings)]
             while len(runs) < repeat and runs[0][0]["seconds"] < SHORT:
                 runs.append(self.bake(folder_name(label, series), settings))
@@ -130,7 +133,7 @@ class Lightkiln:
             yield row("lightkiln", series, self.scene, label, image,
                       {k: statistics.median(r[0][k] for r in runs) for k in runs[0][0]},
                       noise_free_nrmse(image, r1, r2))
-        if keep:
+        if keep or only not in (None, "path"):
             return
         # The references are a point of the path tracer's curve: half of their squared distance.
         apart = np.sqrt(noise_free_nrmse(r1, r2, r2) ** 2 / 2)
@@ -145,11 +148,11 @@ def row(tool, series, scene, setting, image, seconds, error):
     return r
 
 
-def bake_ours(scenes, work, repeat, effort, keep):
+def bake_ours(scenes, work, repeat, effort, keep, only):
     for scene, glb in scenes:
         folder = work / scene
         folder.mkdir(parents=True, exist_ok=True)
-        yield from Lightkiln(scene, glb, folder).curve(repeat, effort, keep)
+        yield from Lightkiln(scene, glb, folder).curve(repeat, effort, keep, only)
 
 
 def bake_cycles(scenes, work, effort):
@@ -201,6 +204,7 @@ def main():
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--keep-references", action="store_true")
+    parser.add_argument("--series")
     parser.add_argument("--session", required=True)
     a = parser.parse_args()
     effort = Effort(a.quick)
@@ -221,11 +225,13 @@ def main():
             subprocess.run([LIGHTKILN, "scene", name, "-o", str(glb)], check=True,
                            stdout=subprocess.DEVNULL)
             generated.append((name, glb))
-        new = list(bake_ours(folder + generated, a.out, a.repeat, effort, a.keep_references))
+        new = list(bake_ours(folder + generated, a.out, a.repeat, effort, a.keep_references,
+                             a.series))
     for r in new:
         r["session"] = a.session
     tool = "cycles" if a.step == "cycles" else "lightkiln"
-    rows = [r for r in rows if r["tool"] != tool] + new
+    kept = [r for r in rows if r["tool"] != tool or a.series not in (None, r["series"])]
+    rows = sorted(kept + new, key=lambda r: r["tool"] == "cycles")
     compare_with_cycles(rows, folder, a.out, effort)
     with table.open("w", newline="") as f:
         writer = csv.DictWriter(f, FIELDS, extrasaction="ignore", restval="", lineterminator="\n")

@@ -131,24 +131,36 @@ def seconds(value):
     return ("≈ " if prolonged else "") + (f"{t:.0f}" if t >= 100 else f"{t:.2g}" if t < 1 else f"{t:.1f}")
 
 
-def factors(rows):
+def quiet(rows):
+    """Whether wall time means something: one session, begun on an idle machine."""
+    labels = {r["session"] for r in rows}
+    return len(labels) == 1 and float(labels.pop().rsplit(" ", 1)[1]) < 1
+
+
+def factors(rows, time):
     """Time to equal error, ours against Cycles'."""
     out = []
     for scene in scenes(rows):
         for series in ("gather", "filter", "presets"):
             for goal in TARGETS:
-                theirs = seconds_to(curve(rows, scene, "cycles"), goal)
-                ours = seconds_to(curve(rows, scene, series), goal)
+                theirs = seconds_to(curve(rows, scene, "cycles", time), goal)
+                ours = seconds_to(curve(rows, scene, series, time), goal)
                 if not theirs or not curve(rows, scene, series):
                     continue
-                cpu = [seconds_to(curve(rows, scene, s, "cpu_seconds"), goal)
-                       for s in ("cycles", series)]
                 out.append([scene, NAMES[series], f"{100 * goal:g} %", seconds(theirs), seconds(ours),
-                            f"{theirs[0] / ours[0]:.0f} ×" if ours else "",
-                            f"{cpu[0][0] / cpu[1][0]:.0f} ×" if all(cpu) else ""])
+                            f"{theirs[0] / ours[0]:.0f} ×" if ours else ""])
     if not out:
         return "Not measured."
-    return table(["scene", "ours", "nRMSE", "Cycles, s", "ours, s", "factor", "by CPU time"], out)
+    unit = "CPU s" if time == "cpu_seconds" else "s"
+    return table(["scene", "ours", "nRMSE", f"Cycles, {unit}", f"ours, {unit}", "factor"], out)
+
+
+def wall_factors(rows):
+    compared = [r for r in rows if r["scene"] in {c["scene"] for c in rows if c["tool"] == "cycles"}]
+    if not quiet(compared):
+        return ("Not given: other work ran beside the last run, or the tools ran in different "
+                "sessions.")
+    return factors(compared, "seconds")
 
 
 def bakes(rows):
@@ -211,13 +223,19 @@ def machine():
 
 
 def sessions(rows):
-    of = {NAMES.get(tool, "Lightkiln"): sorted({r["session"] for r in rows if r["tool"] == tool})
-          for tool in ("lightkiln", "cycles")}
     words = f"Measured on {machine()}."
-    if of["Cycles"] and of["Cycles"] == of["Lightkiln"]:
-        return words + (f" Both tools ran in one session ({of['Cycles'][0]}), one after the other, "
-                        "with two threads each.")
-    return words + "".join(f" {tool}: {', '.join(s)}." for tool, s in of.items() if s)
+    theirs = {r["session"] for r in rows if r["tool"] == "cycles"}
+    ours = {}  # session: curves
+    for r in rows:
+        if r["tool"] == "lightkiln":
+            ours.setdefault(r["session"], {})[NAMES[r["series"]]] = True
+    if len(theirs) == 1 and theirs <= set(ours):
+        both = theirs.pop()
+        ours.pop(both)
+        words += (f" Both tools ran in one session ({both}), one after the other, with two threads "
+                  "each.")
+    words += "".join(f" Cycles: {s}." for s in sorted(theirs))
+    return words + "".join(f" {', '.join(names)}: {s}." for s, names in sorted(ours.items()))
 
 
 def main():
@@ -229,7 +247,8 @@ def main():
     tables = kernel_tables(a.source / "kernels.json")
     if rows:
         shutil.copy(a.source / "bakes.csv", a.docs / "performance.csv")
-        tables |= {"factors": factors(rows), "bakes": bakes(rows), "session": sessions(rows)}
+        tables |= {"factors": factors(rows, "cpu_seconds"),
+                   "wall_factors": wall_factors(rows), "bakes": bakes(rows), "session": sessions(rows)}
     for scene in scenes(rows):
         curves = [(s, curve(rows, scene, s, "cpu_seconds")) for s in NAMES]
         name = "performance-" + scene.replace("/", "-") + ".svg"
