@@ -164,11 +164,13 @@ def wall_factors(rows):
 
 
 def bakes(rows):
-    return table(
-        ["scene", "tool", "setting", "bake, s", "CPU, s", "nRMSE", "from Cycles' limit", "bias to it"],
-        [[r["scene"], NAMES[r["series"]], r["setting"], f"{r['seconds']:.2f}",
-          f"{r['cpu_seconds']:.2f}", percent(r["nrmse_own"]), percent(r["nrmse_cycles"]),
-          percent(r["bias_cycles"])] for r in rows])
+    walls = quiet(rows)
+    head = ["scene", "tool", "setting"] + ["bake, s"] * walls + [
+        "CPU, s", "nRMSE", "from Cycles' limit", "bias to it"]
+    return table(head, [
+        [r["scene"], NAMES[r["series"]], r["setting"]] + [f"{r['seconds']:.2f}"] * walls +
+        [f"{r['cpu_seconds']:.2f}", percent(r["nrmse_own"]), percent(r["nrmse_cycles"]),
+         percent(r["bias_cycles"])] for r in rows])
 
 
 def scenes(rows):
