@@ -6,6 +6,7 @@
 
 #include "baker/bake.h"
 #include "proto/json.h"
+#include "proto/json_values.h"
 #include "server/http/openapi.h"
 #include "server/http/problem.h"
 #include "server/jobs/ids.h"
@@ -94,6 +95,11 @@ Response Api::get_capabilities(Request&) {
       {"settings", {{"schema", schema}, {"defaults", proto::to_json(proto::BakeSettings{})}}},
       {"threads", bake_threads_},
       {"instruction_set", baker::instruction_set()}};
+  // The schema lists the presets in the order of their values.
+  const auto& names = schema.at("/properties/quality/properties/preset/enum"_json_pointer);
+  for (std::size_t i = 0; i < names.size(); ++i)
+    document["presets"][names[i].get<std::string>()] = {
+        {"target_error", proto::shortest_number(proto::target_error(proto::Preset(i)))}};
   const baker::ImportLimits import;
   document["limits"] = {{"job_seconds", config_.max_job_seconds},
                         {"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},

@@ -2,6 +2,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "baker/bake.h"
@@ -208,6 +209,8 @@ TEST(Routes, EveryErrorIsAProblem) {
   const Answer can = ask(live.port(), "GET", "/v1/capabilities");
   EXPECT_EQ(can.status, 200);
   EXPECT_EQ(member(can.body, "instruction_set"), baker::instruction_set());
+  EXPECT_EQ(nlohmann::json::parse(can.body)["presets"]["production"]["target_error"].dump(),
+            "0.02");
 }
 
 TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {
