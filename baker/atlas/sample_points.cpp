@@ -1,6 +1,7 @@
 #include "baker/atlas/sample_points.h"
 
 #include <array>
+#include <cmath>
 
 namespace kiln::baker::atlas_detail {
 namespace {
@@ -128,7 +129,7 @@ void place_along_area(SetupCache& setups, std::uint32_t x, std::uint32_t y,
 
 SamplePoint make_point(std::uint32_t triangle, Point bary) {
   const Point b = clamp_bary(bary);
-  auto u = std::uint32_t(b.x * 65535 + 0.5), v = std::uint32_t(b.y * 65535 + 0.5);
+  auto u = std::uint32_t(std::lround(b.x * 65535)), v = std::uint32_t(std::lround(b.y * 65535));
   if (u + v > 65535) --(u > v ? u : v);
   return {triangle, std::uint16_t(u), std::uint16_t(v)};
 }
