@@ -173,7 +173,6 @@ Expected<void> append_instance(Scene& scene, Import& import, const PlacedNode& p
     import.note_dropped(*world, (*source)->pointer);
     if (world->triangles.empty()) continue;
     const std::uint32_t material = import.materials.index_of(primitives[p].material);
-    import.emissive |= !is_black(import.materials.at(material).material.emission);
     append_part(scene, import, **source, std::move(*world), p, material);
     if (import.stop.stop_requested()) return canceled();
     ++instance.part_count;
@@ -248,14 +247,6 @@ Expected<void> append_geometry(Scene& scene, Import& import,
   return {};
 }
 
-/// Lights of all sources.
-Expected<void> append_lights(Scene& scene, Document& document,
-                             const std::vector<PlacedNode>& placed,
-                             const proto::BakeSettings& settings, const ImportLimits& limits) {
-  if (auto added = add_punctual_lights(scene, document, placed, limits); !added) return added;
-  return add_settings_lights(scene, settings);
-}
-
 struct Opened {
   Document document;
   std::vector<PlacedNode> placed;
@@ -282,24 +273,22 @@ Expected<void> check_scene(const SceneFiles& files, const proto::BakeSettings& s
   if (!has_triangles) return Unexpected(has_triangles.error());
   if (!*has_triangles) return nothing_to_bake();
   Scene lights;
-  if (auto added = append_lights(lights, document, placed, settings, limits); !added) return added;
+  if (auto added = add_punctual_lights(lights, document, placed, limits); !added) return added;
+  if (auto added = add_settings_lights(lights, settings); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;
   return find_images(document, import.materials.materials());
 }
 
-Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings& settings,
-                             const ImportLimits& limits, std::stop_token stop) {
+Expected<Scene> import_files(const SceneFiles& files, const ImportLimits& limits,
+                             std::stop_token stop) {
   auto opened = open_scene(files, limits, stop);
   if (!opened) return Unexpected(opened.error());
   auto& [document, placed] = *opened;
   Import import(document, limits, stop);
   Scene scene;
   if (auto done = append_geometry(scene, import, placed); !done) return Unexpected(done.error());
-  if (auto done = append_lights(scene, document, placed, settings, limits); !done) {
+  if (auto done = add_punctual_lights(scene, document, placed, limits); !done) {
     return Unexpected(done.error());
-  }
-  if (auto lit = require_light(scene, import.emissive, settings); !lit) {
-    return Unexpected(lit.error());
   }
   scene.materials = import.materials.materials();
   if (auto done = load_images(document, scene, limits, stop); !done)
@@ -308,6 +297,22 @@ Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings&
     document.warnings.add("animation_ignored", "/animations", "the scene is baked at rest");
   }
   scene.warnings = document.warnings.take();
+  return scene;
+}
+
+Expected<void> apply_settings(Scene& scene, const proto::BakeSettings& settings) {
+  if (auto added = add_settings_lights(scene, settings); !added) return added;
+  const bool emissive = std::any_of(scene.parts.begin(), scene.parts.end(), [&](const Part& part) {
+    return !is_black(scene.materials[part.material].emission);
+  });
+  return require_light(scene, emissive, settings);
+}
+
+Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings& settings,
+                             const ImportLimits& limits, std::stop_token stop) {
+  auto scene = import_files(files, limits, stop);
+  if (!scene) return scene;
+  if (auto applied = apply_settings(*scene, settings); !applied) return Unexpected(applied.error());
   return scene;
 }
 

@@ -40,8 +40,17 @@ struct ImportLimits {
 proto::Expected<void> check_scene(const SceneFiles&, const proto::BakeSettings&,
                                   const ImportLimits& = {}, std::stop_token = {});
 
-/// The whole import, images decoded, lights and sky of the settings added. Same errors, and
-/// `invalid_image`. What is legal but not honoured becomes a Scene::warning.
+/// The import without what settings add: geometry, materials, punctual lights, images decoded. Same
+/// errors but `no_light`, and `invalid_image`. What is legal but not honoured becomes a
+/// Scene::warning.
+proto::Expected<Scene> import_files(const SceneFiles&, const ImportLimits& = {},
+                                    std::stop_token = {});
+
+/// Adds the lights and the sky of the settings to an imported scene.
+/// Errors: `invalid_settings`, `no_light`.
+proto::Expected<void> apply_settings(Scene&, const proto::BakeSettings&);
+
+/// Both of them: the scene that is baked.
 proto::Expected<Scene> import_scene(const SceneFiles&, const proto::BakeSettings&,
                                     const ImportLimits& = {}, std::stop_token = {});
 

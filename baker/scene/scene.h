@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -130,6 +131,12 @@ Vec3 geometric_normal(const Scene&, std::uint32_t triangle);
 /// Interpolated vertex normal, unit, on the geometric normal's side.
 Vec3 shading_normal(const Scene&, std::uint32_t triangle, Bary);
 float triangle_area(const Scene&, std::uint32_t triangle);  ///< m2
+/// Whether three points can be a triangle of a scene: geometric_normal can make a unit vector of
+/// their cross product.
+inline bool has_area(Vec3 a, Vec3 b, Vec3 c) {
+  const Vec3 n = cross(b - a, c - a);
+  return dot(n, n) >= std::numeric_limits<float>::min();
+}
 /// Albedo before the cap: factor * texture * vertex colour, each channel in [0, 1].
 Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
 /// Emitted radiance, cd/m2.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <limits>
 
 #include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
@@ -85,12 +84,6 @@ Expected<Assembly> assemble(const PrimitiveSource& source, const std::stop_token
 }
 
 // Placing -----------------------------------------------------------------------------------------
-
-/// The same measure as everywhere: what geometric_normal can make a unit vector of.
-bool has_area(Vec3 a, Vec3 b, Vec3 c) {
-  const Vec3 n = cross(b - a, c - a);
-  return dot(n, n) >= std::numeric_limits<float>::min();
-}
 
 Vec3 face_normal(const WorldPrimitive& w, const Triangle& t) {
   return normalize(
