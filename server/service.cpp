@@ -48,6 +48,7 @@ struct Service::Impl {
         parts(std::move(p)),
         data(std::move(folder)),
         store(data.database(), [this](double seconds) { metrics.committed(seconds); }),
+        feeds(store),
         tokens(data.tokens()),
         gate(tokens),
         scenes(data),
@@ -57,10 +58,11 @@ struct Service::Impl {
         janitor(data, store, scenes, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
-        api(config, data, store, scenes, jobs, gate, parts.check, pool.size()),
+        api({config, data, store, scenes, jobs, feeds, gate, parts.check, pool.size()}),
         admin(admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
+    feeds.on_event([this](const EventRing* ring) { hub.notify(ring); });
   }
 
   ServerConfig config;
@@ -68,6 +70,7 @@ struct Service::Impl {
   DataFolder data;
   Metrics metrics;
   JobStore store;
+  EventFeeds feeds;
   TokenStore tokens;
   Gate gate;
   SceneStore scenes;

@@ -13,18 +13,17 @@
 
 namespace kiln::server {
 
-Api::Api(const ServerConfig& config, const DataFolder& data, JobStore& store,
-         const SceneStore& scenes, JobService& jobs, const Gate& gate, CheckFunction check,
-         unsigned bake_threads)
-    : config_(config),
-      data_(data),
-      store_(store),
-      scenes_(scenes),
-      jobs_(jobs),
-      gate_(gate),
-      check_(std::move(check)),
-      bake_threads_(bake_threads),
-      waits_(std::max<std::ptrdiff_t>(config.http_threads / 2, 1)) {
+Api::Api(ApiParts parts)
+    : config_(parts.config),
+      data_(parts.data),
+      store_(parts.store),
+      scenes_(parts.scenes),
+      jobs_(parts.jobs),
+      feeds_(parts.feeds),
+      gate_(parts.gate),
+      check_(std::move(parts.check)),
+      bake_threads_(parts.bake_threads),
+      waits_(std::max<std::ptrdiff_t>(config_.http_threads / 2, 1)) {
   for (const Route& route : routes())
     router_.add(route.method, route.pattern,
                 [this, handler = route.handler](Request& r) { return (this->*handler)(r); });
@@ -46,6 +45,7 @@ const std::vector<Api::Route>& Api::routes() {
       {"POST", "/v1/jobs/{}/cancel", &Api::cancel_job},
       {"POST", "/v1/jobs/{}/retry", &Api::retry_job},
       {"GET", "/v1/jobs/{}/events", &Api::get_events},
+      {"GET", "/v1/events", &Api::get_all_events},
       {"GET", "/v1/jobs/{}/results", &Api::get_results},
       {"GET", "/v1/jobs/{}/results/{}", &Api::get_result},
       {"GET", "/v1/jobs/{}/results.zip", &Api::get_results_zip},

@@ -16,6 +16,7 @@
 #include "server/http/message.h"
 #include "server/http/router.h"
 #include "server/http/upload.h"
+#include "server/jobs/event_feeds.h"
 #include "server/jobs/job_service.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
@@ -26,11 +27,23 @@ namespace kiln::server {
 using CheckFunction =
     std::function<proto::Expected<void>(const baker::SceneFiles&, const proto::BakeSettings&)>;
 
+/// What the routes work on; everything lives longer than they do.
+struct ApiParts {
+  const ServerConfig& config;
+  const DataFolder& data;
+  JobStore& store;
+  const SceneStore& scenes;
+  JobService& jobs;
+  EventFeeds& feeds;
+  const Gate& gate;
+  CheckFunction check;
+  unsigned bake_threads = 1;
+};
+
 /// The routes under /v1 (docs/http-api.md). Thread-safe.
 class Api {
  public:
-  Api(const ServerConfig&, const DataFolder&, JobStore&, const SceneStore&, JobService&,
-      const Gate&, CheckFunction, unsigned bake_threads);
+  explicit Api(ApiParts);
 
   Response handle(Request&);
 
@@ -46,6 +59,7 @@ class Api {
   Response retry_job(Request&);
   Response delete_job(Request&);
   Response get_events(Request&);
+  Response get_all_events(Request&);
   Response get_results(Request&);
   Response get_result(Request&);
   Response get_results_zip(Request&);
@@ -63,7 +77,12 @@ class Api {
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
   proto::Expected<SceneUpload> receive_scene(Request&);
   proto::Expected<SceneStore::Put> put_scene(const Request&, SceneUpload&&);
-  proto::Expected<proto::Job> wait_for_job(const Request&, std::chrono::seconds);
+  /// The job as soon as JobService::wait() has it; as it is when too many requests wait already.
+  struct Waited {
+    proto::Expected<proto::Job> job;
+    bool waited = false;  ///< or there was nothing to wait for
+  };
+  Waited wait_for_job(proto::Job, std::chrono::seconds, std::optional<std::uint64_t> since = {});
   /// The job of the request when it has results, else why not.
   proto::Expected<proto::Job> find_finished(const Request&) const;
   proto::Expected<std::shared_ptr<const proto::Fd>> open_result(const std::string& id,
@@ -83,6 +102,7 @@ class Api {
   JobStore& store_;
   const SceneStore& scenes_;
   JobService& jobs_;
+  EventFeeds& feeds_;
   const Gate& gate_;
   CheckFunction check_;
   unsigned bake_threads_;
@@ -90,6 +110,9 @@ class Api {
   std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
   std::counting_semaphore<> previews_{2};
 };
+
+/// How long a request may ask to wait.
+inline constexpr std::uint32_t kMaxWaitSeconds = 60;
 
 /// Method and pattern of every route of the API.
 std::vector<std::pair<std::string, std::string>> api_routes();

@@ -1,5 +1,6 @@
 #include <charconv>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "proto/json.h"
 #include "server/http/api.h"
@@ -7,33 +8,50 @@
 #include "server/http/problem.h"
 
 namespace kiln::server {
+namespace {
+
+using proto::Expected;
+using proto::fail;
+
+// The id of the last event that the client has: `Last-Event-ID` before `?after=`.
+Expected<std::optional<std::uint64_t>> last_seen_event(const Request& request) {
+  if (request.head.http_1_0) return fail("bad_request", "An event stream needs HTTP/1.1.");
+  const std::string* header = request.head.header("last-event-id");
+  if (!header || header->empty()) return query_number(request, "after", INT64_MAX);
+  std::uint64_t last_seen = 0;
+  const auto parsed = std::from_chars(header->data(), header->data() + header->size(), last_seen);
+  if (parsed.ec == std::errc() && parsed.ptr == header->data() + header->size()) return last_seen;
+  return fail("bad_request", "The Last-Event-ID has to be a whole number.", "request",
+              "/headers/last-event-id");
+}
+
+Response stream_response(StreamContent stream) {
+  Response response;
+  response.content_type = "text/event-stream";
+  response.header("Cache-Control", "no-store").header("X-Accel-Buffering", "no");
+  response.stream = std::move(stream);
+  return response;
+}
+
+constexpr const char* kIntro = "retry: 2000\n\n";
+
+}  // namespace
 
 Response Api::get_events(Request& request) {
   auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  if (request.head.http_1_0)
-    return problem({"bad_request", "An event stream needs HTTP/1.1.", {}}, request);
-  auto after = query_number(request, "after", INT64_MAX);
-  if (!after) return problem(after.error(), request);
-  std::uint64_t last_seen = after->value_or(0);
-  if (const std::string* header = request.head.header("last-event-id");
-      header && !header->empty()) {
-    const auto parsed = std::from_chars(header->data(), header->data() + header->size(), last_seen);
-    if (parsed.ec != std::errc() || parsed.ptr != header->data() + header->size())
-      return problem({"bad_request",
-                      "The Last-Event-ID has to be a whole number.",
-                      {{"request", "/headers/last-event-id", "not a whole number"}}},
-                     request);
-  }
+  auto given = last_seen_event(request);
+  if (!given) return problem(given.error(), request);
+  const std::uint64_t last_seen = given->value_or(0);
   const auto ring = jobs_.events(job->id);
   if (!ring) return problem({"not_found", "There is no job " + job->id + ".", {}}, request);
   const EventRing::Tail tail = ring->after(last_seen);
-  Response response;
   if (tail.ended && tail.complete && tail.events.empty()) {
+    Response response;
     response.status = 204;  // tells an EventSource to stop asking
     return response;
   }
-  StreamContent stream{ring, last_seen, "retry: 2000\n\n"};
+  StreamContent stream{ring, last_seen, kIntro};
   if (!tail.complete) {
     // Read after the ring: the snapshot holds at least what its id promises.
     auto now = jobs_.get(job->id);
@@ -43,10 +61,31 @@ Response Api::get_events(Request& request) {
     const bool over = ring->after(tail.last, 0).ended;
     stream.after = over ? tail.last - 1 : tail.last;
   }
-  response.content_type = "text/event-stream";
-  response.header("Cache-Control", "no-store").header("X-Accel-Buffering", "no");
-  response.stream = std::move(stream);
-  return response;
+  return stream_response(std::move(stream));
+}
+
+// Of all jobs that the client may see. Begins with a snapshot of those that are not over, unless it
+// goes on after an event that is known.
+Response Api::get_all_events(Request& request) {
+  auto last_seen = last_seen_event(request);
+  if (!last_seen) return problem(last_seen.error(), request);
+  const Principal& client = request.principal;
+  const auto tenant = client.admin ? std::nullopt : std::optional(client.tenant);
+  const auto ring = feeds_.of(tenant);
+  const EventRing::Tail tail = ring->after(last_seen->value_or(0), 0);
+  StreamContent stream{ring, last_seen->value_or(0), kIntro};
+  if (!*last_seen || !tail.complete) {
+    auto jobs = nlohmann::json::array();
+    for (const auto& job : jobs_.unfinished(tenant))
+      jobs.push_back({{"id", job.id},
+                      {"state", proto::to_string(job.state)},
+                      {"attempt", job.attempt},
+                      {"version", job.version}});
+    const nlohmann::json data{{"jobs", std::move(jobs)}};
+    stream.intro += sse_text({tail.last, "snapshot", proto::to_text(data)});
+    stream.after = tail.last;
+  }
+  return stream_response(std::move(stream));
 }
 
 }  // namespace kiln::server

@@ -12,7 +12,6 @@ namespace {
 using proto::Expected;
 using proto::fail;
 
-constexpr std::uint64_t kMaxWaitSeconds = 60;
 constexpr std::uint32_t kDefaultPage = 50, kMaxPage = 200;
 constexpr std::size_t kMaxLabelFilters = 8;
 
@@ -84,25 +83,30 @@ Response Api::list_jobs(Request& request) {
 }
 
 // A waiting request holds a thread, so only half of them may wait; the others are answered at once.
-Expected<proto::Job> Api::wait_for_job(const Request& request, std::chrono::seconds time) {
-  auto job = find_job(request);
-  if (!job || time.count() == 0 || proto::is_terminal(job->state) || !waits_.try_acquire())
-    return job;
+Api::Waited Api::wait_for_job(proto::Job job, std::chrono::seconds time,
+                              std::optional<std::uint64_t> since) {
+  if (time.count() == 0 || proto::is_terminal(job.state) || (since && *since != job.version))
+    return {std::move(job), true};
+  if (!waits_.try_acquire()) return {std::move(job), false};
   const struct Release {
     std::counting_semaphore<>& slots;
     ~Release() { slots.release(); }
   } release{waits_};
-  return jobs_.wait(job->id, time);
+  return {jobs_.wait(job.id, time, since), true};
 }
 
 Response Api::get_job(Request& request) {
   auto wait = query_number(request, "wait", kMaxWaitSeconds);
   if (!wait) return problem(wait.error(), request);
-  auto job = wait_for_job(request, std::chrono::seconds(wait->value_or(0)));
+  auto since = query_number(request, "since", INT64_MAX);
+  if (!since) return problem(since.error(), request);
+  auto job = find_job(request);
+  if (!job) return problem(job.error(), request);
+  job = wait_for_job(std::move(*job), std::chrono::seconds(wait->value_or(0)), *since).job;
   if (!job) return problem(job.error(), request);
   const std::string etag = "\"" + std::to_string(job->version) + "\"";
-  if (const auto* known = request.head.header("if-none-match");
-      known && matches_etag(*known, etag)) {
+  const auto* known = request.head.header("if-none-match");
+  if ((known && matches_etag(*known, etag)) || *since == job->version) {
     Response response;
     response.status = 304;
     return response.header("ETag", etag);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <charconv>
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
@@ -24,6 +25,25 @@ proto::Expected<std::string> idempotency_key(const Request& request) {
   return proto::fail("bad_request",
                      "The Idempotency-Key has to be 1 to 255 visible ASCII characters.", "request",
                      "/headers/idempotency-key");
+}
+
+// The seconds of `Prefer: wait=30` (RFC 7240), at most as long as any request may wait; 0: none.
+std::chrono::seconds preferred_wait(const Request& request) {
+  const std::string* header = request.head.header("prefer");
+  std::string_view list = header ? std::string_view(*header) : std::string_view();
+  while (!list.empty()) {
+    const auto comma = std::min(list.find(','), list.size());
+    std::string_view text = trim_blanks(list.substr(0, comma));
+    text = trim_blanks(text.substr(0, text.find(';')));
+    list.remove_prefix(std::min(comma + 1, list.size()));
+    if (text.size() < 6 || !equal_ignoring_case(text.substr(0, 5), "wait=")) continue;
+    std::uint32_t seconds = 0;
+    const auto parsed = std::from_chars(text.data() + 5, text.data() + text.size(), seconds);
+    if (parsed.ptr != text.data() + text.size()) continue;  // as if it were not there
+    if (parsed.ec != std::errc()) seconds = kMaxWaitSeconds;
+    return std::chrono::seconds(std::min(seconds, kMaxWaitSeconds));
+  }
+  return {};
 }
 
 // "sha256:<digest>" without the prefix; "" when it is something else.
@@ -115,8 +135,13 @@ Response Api::post_job(Request& request) {
   input->idempotency_key = *key;
   auto submitted = jobs_.submit(*input);
   if (!submitted) return problem(submitted.error(), request);
-  const proto::Job& job = submitted->job;
+  const auto patience = preferred_wait(request);
+  const Waited waited = wait_for_job(std::move(submitted->job), patience);
+  if (!waited.job) return problem(waited.job.error(), request);
+  const proto::Job& job = *waited.job;
   Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);
+  if (patience.count() > 0 && waited.waited)
+    response.header("Preference-Applied", "wait=" + std::to_string(patience.count()));
   if (submitted->replayed) response.header("Idempotent-Replayed", "true");
   return response.header("Location", "/v1/jobs/" + job.id);
 }

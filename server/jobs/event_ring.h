@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <vector>
 
@@ -10,13 +11,17 @@
 
 namespace kiln::server {
 
-/// The latest events of one job that is not over, for its streams. Thread-safe.
+/// The latest events of one job, or of all jobs of a tenant, for their streams. Thread-safe.
 class EventRing {
  public:
   static constexpr std::size_t kCapacity = 1024;
 
-  /// `kept`: the tail of the job's stored events, in order; `last`: the highest id ever given.
+  /// Of a job, whose ids have no holes. `kept`: the tail of its stored events, in order; `last`:
+  /// the highest id ever given.
   explicit EventRing(std::uint64_t last = 0, std::vector<proto::Event> kept = {});
+  /// Of many jobs: job.end ends nothing, and ids may have holes. Nothing is missing after `floor`.
+  static std::shared_ptr<EventRing> endless(std::uint64_t floor, std::uint64_t last,
+                                            std::vector<proto::Event> kept);
 
   void push(proto::Event);
   std::uint64_t last() const;
@@ -33,7 +38,9 @@ class EventRing {
  private:
   mutable std::mutex mutex_;
   std::deque<proto::Event> events_;
+  std::uint64_t floor_ = 0;  ///< every event after this id is in events_
   std::uint64_t last_ = 0;
+  bool endless_ = false;
   bool ended_ = false;
 };
 

@@ -111,6 +111,7 @@ proto::Expected<proto::Job> JobService::patch(const std::string& id, const proto
   const JobQueue::Entry before = queue_entry(s);
   patch_job(store_, *job, patch);
   if (queue_.erase(before)) queue_.insert(queue_entry(s));
+  changed_.notify_all();
   return s.job;
 }
 

@@ -125,11 +125,19 @@ proto::Expected<proto::Job> JobService::get(const std::string& id) const {
   return no_such_job(id);
 }
 
-proto::Expected<proto::Job> JobService::wait(const std::string& id,
-                                             std::chrono::milliseconds time) const {
+bool JobService::has_moved(const std::string& id, std::optional<std::uint64_t> since) const {
+  const auto found = live_.find(id);
+  if (found == live_.end()) return true;
+  if (!since) return false;
+  const std::lock_guard lock(found->second->mutex);
+  return found->second->stored.job.version != *since;
+}
+
+proto::Expected<proto::Job> JobService::wait(const std::string& id, std::chrono::milliseconds time,
+                                             std::optional<std::uint64_t> since) const {
   {
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, time, [&] { return waiters_released_ || !live_.contains(id); });
+    changed_.wait_for(lock, time, [&] { return waiters_released_ || has_moved(id, since); });
   }
   return get(id);
 }
@@ -145,6 +153,21 @@ JobService::Page JobService::list(const JobFilter& filter) const {
   }
   for (auto& row : stored) page.jobs.push_back(std::move(row.job));
   return page;
+}
+
+std::vector<proto::Job> JobService::unfinished(const std::optional<std::string>& tenant) const {
+  std::vector<LivePtr> all;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [id, job] : live_) all.push_back(job);
+  }
+  std::vector<proto::Job> jobs;
+  for (const auto& job : all) {
+    const std::lock_guard lock(job->mutex);
+    const proto::Job& j = job->stored.job;
+    if (!proto::is_terminal(j.state) && (!tenant || *tenant == j.tenant)) jobs.push_back(j);
+  }
+  return jobs;
 }
 
 std::shared_ptr<const EventRing> JobService::events(const std::string& id) const {
@@ -177,6 +200,7 @@ void JobService::notify(const LiveJob& job) {
     const std::lock_guard lock(mutex_);
     hook = event_hook_;
   }
+  changed_.notify_all();  // wait() with a version
   if (hook) hook(job.ring.get());
 }
 

@@ -96,14 +96,18 @@ class JobService {
   proto::Expected<Submitted> submit(const Submission&);
   /// Errors: `not_found`.
   proto::Expected<proto::Job> get(const std::string& id) const;
-  /// As get(), but waits until the job is over, the time is up, or release_waiters() was called.
-  proto::Expected<proto::Job> wait(const std::string& id, std::chrono::milliseconds) const;
+  /// As get(), but waits until the job is over, the time is up, or release_waiters() was called;
+  /// with `since` only until its version is another one.
+  proto::Expected<proto::Job> wait(const std::string& id, std::chrono::milliseconds,
+                                   std::optional<std::uint64_t> since = {}) const;
 
   struct Page {
     std::vector<proto::Job> jobs;
     std::optional<std::int64_t> next;  ///< `before` of the next page
   };
   Page list(const JobFilter&) const;
+  /// The jobs that are not over, by id; of all tenants when there is none.
+  std::vector<proto::Job> unfinished(const std::optional<std::string>& tenant) const;
 
   /// A queued job is over at once; a running one turns to canceling. No change to one that is over.
   /// Errors: `not_found`.
@@ -150,6 +154,8 @@ class JobService {
   void clear_leftovers() const;
   void add_live(const LivePtr&);  ///< needs mutex_
   LivePtr live(const std::string& id) const;
+  /// Whether the job is over, or of another version. Needs mutex_.
+  bool has_moved(const std::string& id, std::optional<std::uint64_t> since) const;
   LivePtr next_job(std::stop_token);
   void runner_loop(std::stop_token);
   void settle(const LivePtr&);

@@ -38,6 +38,13 @@ struct JobFilter {
   std::optional<std::int64_t> before;  ///< sequence: only older jobs
 };
 
+/// The newest events of all jobs of a tenant, by their place in the order of all events.
+struct Feed {
+  std::vector<proto::Event> events;  ///< oldest first; `data` names the job
+  std::uint64_t floor = 0;           ///< no event after this one is missing, but of deleted jobs
+  std::uint64_t last = 0;            ///< the highest id ever given to any tenant
+};
+
 /// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
 /// mutex. Throws DatabaseError.
 class JobStore {
@@ -63,6 +70,12 @@ class JobStore {
   void restart(const StoredJob&, const std::vector<proto::Event>&);
   void remove(const std::string& id);
 
+  /// Told of each event right after it was stored, with its id in the feed, in the order of these
+  /// ids; must not write to the store. To be set before the first change.
+  using FeedHook = std::function<void(const std::string& tenant, const std::vector<proto::Event>&)>;
+  void on_feed(FeedHook hook) { feed_hook_ = std::move(hook); }
+  Feed feed(const std::optional<std::string>& tenant) const;  ///< nothing: of all tenants
+
   std::optional<StoredJob> find(const std::string& id) const;
   std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
   std::vector<StoredJob> unfinished() const;            ///< oldest first
@@ -84,16 +97,19 @@ class JobStore {
 
   bool writable();  ///< whether a transaction can be written now
 
-  static constexpr int kSchemaVersion = 3;
-
  private:
-  void migrate();
-  void put_events(const std::string& id, const std::vector<proto::Event>&);
+  /// Runs `body` in a transaction, then tells the feed hook of the events that it put.
+  void write(const std::string& tenant, Database::Durability, const std::function<void()>& body);
+  void put_events(const proto::Job&, const std::vector<proto::Event>&);
+  void put_feed(const proto::Job&, const proto::Event&);
+  void prune_feed(const std::string& tenant);
   void put_results(const std::string& id, const std::vector<proto::ResultFile>&);
   void update(const StoredJob&);
 
   std::mutex write_mutex_;
   Database writer_;
+  std::vector<proto::Event> fresh_;  ///< of this transaction, for the hook
+  FeedHook feed_hook_;
   mutable std::mutex read_mutex_;
   mutable Database reader_;
 };

@@ -4,10 +4,23 @@
 
 namespace kiln::server {
 
+namespace {
+
+std::vector<std::string> resume_header(const std::string& last) {
+  return last.empty() ? std::vector<std::string>{}
+                      : std::vector<std::string>{"Last-Event-ID: " + last};
+}
+
+}  // namespace
+
 EventStream::EventStream(std::uint16_t port, const std::string& id, const std::string& last)
+    : EventStream(port, "/v1/jobs/" + id + "/events", resume_header(last)) {}
+
+EventStream::EventStream(std::uint16_t port, const std::string& path,
+                         const std::vector<std::string>& headers)
     : wire_(port) {
-  std::string head = "GET /v1/jobs/" + id + "/events HTTP/1.1\r\nHost: test\r\n";
-  if (!last.empty()) head += "Last-Event-ID: " + last + "\r\n";
+  std::string head = "GET " + path + " HTTP/1.1\r\nHost: test\r\n";
+  for (const auto& header : headers) head += header + "\r\n";
   wire_.send(head + "\r\n");
   const std::string text = wire_.read("\r\n\r\n", std::chrono::seconds(20));
   if (text.starts_with("HTTP/1.1 ")) status_ = std::stoi(text.substr(9, 3));

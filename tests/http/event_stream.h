@@ -14,6 +14,8 @@ class EventStream {
  public:
   /// Asks for the job's events; `last` is sent as Last-Event-ID unless empty.
   EventStream(std::uint16_t port, const std::string& id, const std::string& last = "");
+  /// The same of any path, with these header lines.
+  EventStream(std::uint16_t port, const std::string& path, const std::vector<std::string>& headers);
 
   /// Reads until an event of this type has come. Whether it did, in time.
   bool wait_for(const std::string& type, std::chrono::milliseconds time = std::chrono::seconds(30));

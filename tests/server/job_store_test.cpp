@@ -186,6 +186,79 @@ TEST(JobStore, TakesOverAStoreOfVersion1) {
   EXPECT_EQ(store.find("job_a")->job.labels, job.job.labels);
 }
 
+StoredJob insert_job(JobStore& store, const std::string& tenant) {
+  StoredJob stored = new_job();
+  stored.job.tenant = tenant;
+  store.insert(stored, {{1, "job.state", R"({"state":"queued"})"}});
+  return stored;
+}
+
+TEST(JobStore, FeedsHoldTheEventsOfAllJobsInOneOrder) {
+  const test::TempFolder folder;
+  JobStore store(folder.path() / "jobs.db");
+  std::vector<std::pair<std::string, proto::Event>> told;
+  store.on_feed([&](const std::string& tenant, const std::vector<proto::Event>& events) {
+    for (const auto& event : events) told.emplace_back(tenant, event);
+  });
+  const StoredJob a = insert_job(store, "art"), g = insert_job(store, "game");
+  store.save(a, {{2, "log", "{}"}, {3, "log", R"({"x":1})"}}, Database::Durability::kProgress);
+  const auto feed = store.feed("art");
+  ASSERT_EQ(feed.events.size(), 3u);
+  EXPECT_EQ(feed.events[0].id, 1u);
+  EXPECT_EQ(feed.events[0].data, "{\"job\":\"" + a.job.id + R"(","state":"queued"})");
+  EXPECT_EQ(feed.events[1].data, "{\"job\":\"" + a.job.id + "\"}");
+  EXPECT_EQ(feed.events[2].data, "{\"job\":\"" + a.job.id + R"(","x":1})");
+  EXPECT_EQ(feed.floor, 0u);
+  EXPECT_EQ(feed.last, 4u) << "of all tenants: ids are never given twice";
+  const auto all = store.feed(std::nullopt);
+  ASSERT_EQ(all.events.size(), 4u);
+  ASSERT_EQ(told.size(), 4u);
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    EXPECT_EQ(told[i].second.id, all.events[i].id);
+    EXPECT_EQ(told[i].second.data, all.events[i].data);
+  }
+  EXPECT_EQ(told[1].first, "game");
+  store.remove(a.job.id);
+  EXPECT_TRUE(store.feed("art").events.empty());
+  EXPECT_EQ(store.feed("art").last, 4u);
+  EXPECT_EQ(store.feed("game").events.size(), 1u);
+}
+
+TEST(JobStore, FeedsForgetOldEventsAndSaySo) {
+  const test::TempFolder folder;
+  JobStore store(folder.path() / "jobs.db");
+  const StoredJob a = insert_job(store, "art"), g = insert_job(store, "game");
+  std::vector<proto::Event> events;
+  for (std::uint64_t n = 2; n <= 1500; ++n) events.push_back({n, "job.progress", "{}"});
+  events.push_back({1501, kJobEnd, "{}"});
+  store.save(a, events, Database::Durability::kProgress);
+  const auto feed = store.feed("art");
+  EXPECT_EQ(feed.events.size(), EventRing::kCapacity);
+  EXPECT_EQ(feed.events.back().id, 1502u) << "the other tenant had one";
+  EXPECT_EQ(feed.floor, 1502 - EventRing::kCapacity);
+  EXPECT_EQ(store.feed("game").events.size(), 1u) << "a busy tenant pushes no one's events out";
+  EXPECT_EQ(store.feed("game").floor, 0u);
+  const StoredJob b = insert_job(store, "art");
+  store.remove(a.job.id);
+  EXPECT_EQ(store.feed("art").events.size(), 1u);
+  EXPECT_GE(store.feed("art").floor, 1502 - EventRing::kCapacity) << "what is gone stays gone";
+}
+
+TEST(EventRing, OfManyJobsGoesOnAfterAJobsEndAndOverHoles) {
+  const auto ring = EventRing::endless(4, 20, {{7, "log", "{}"}, {20, kJobEnd, "{}"}});
+  EXPECT_FALSE(ring->after(3).complete);
+  EXPECT_TRUE(ring->after(4).complete);
+  EXPECT_EQ(ring->after(8).events.size(), 1u);
+  EXPECT_FALSE(ring->after(8).ended);
+  ring->push({33, kJobEnd, "{}"});
+  EXPECT_FALSE(ring->after(33).ended);
+  for (std::uint64_t id = 40; id < 40 + 2 * EventRing::kCapacity; id += 2)
+    ring->push({id, "log", "{}"});
+  EXPECT_FALSE(ring->after(32).complete);
+  EXPECT_TRUE(ring->after(33).complete) << "33 is gone, what comes after it is there";
+  EXPECT_EQ(ring->after(33).events.front().id, 40u);
+}
+
 TEST(EventRing, HandsOutWhatComesAfterAnId) {
   EventRing ring;
   for (std::uint64_t id = 1; id <= 1500; ++id) ring.push({id, "job.progress", "{}"});

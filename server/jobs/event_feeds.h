@@ -1,0 +1,36 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "server/jobs/event_ring.h"
+#include "server/jobs/job_store.h"
+
+namespace kiln::server {
+
+/// The events of all jobs of a tenant, or of everyone, as rings that streams can follow. A ring
+/// lives as long as somebody follows it, and is filled from the store. Thread-safe.
+class EventFeeds {
+ public:
+  explicit EventFeeds(JobStore&);  ///< becomes the store's feed hook
+
+  std::shared_ptr<const EventRing> of(const std::optional<std::string>& tenant);  ///< nothing: all
+  /// Called after each new event, from any thread.
+  void on_event(std::function<void(const EventRing*)> hook) { hook_ = std::move(hook); }
+
+ private:
+  using Key = std::optional<std::string>;
+  void publish(const std::string& tenant, const std::vector<proto::Event>&);
+  void push(const Key&, const std::vector<proto::Event>&);  ///< needs mutex_
+
+  JobStore& store_;
+  std::function<void(const EventRing*)> hook_;
+  std::mutex mutex_;
+  std::map<Key, std::weak_ptr<EventRing>> rings_;  ///< guarded by mutex_
+};
+
+}  // namespace kiln::server
