@@ -138,7 +138,7 @@ class Rasteriser {
     const auto n = std::size_t(two_sided ? 2 * fronts : fronts);
     const auto room = [n](auto&... planes) { (planes.reserve(n), ...); };
     TextureGroup& g = group_;
-    room(g.position, g.geometric_normal, g.shading_normal, g.albedo, g.emission, g.area_m2);
+    room(g.position, g.shading_normal, g.albedo, g.area_m2);
     room(g.coverage, g.triangle, g.chart, g.page, g.x, g.y, g.back);
     g.points.reserve(n * kPoints);
   }
@@ -205,7 +205,7 @@ class Rasteriser {
     const auto begin = std::uint32_t(size()), end = std::uint32_t(group_.chart.size());
     const auto resize = [end](auto&... planes) { (planes.resize(end), ...); };
     TextureGroup& g = group_;
-    resize(g.position, g.geometric_normal, g.shading_normal, g.albedo, g.emission, g.area_m2);
+    resize(g.position, g.shading_normal, g.albedo, g.area_m2);
     resize(g.coverage, g.triangle);
     g.points.resize(std::size_t(end) * kPoints);
     std::atomic<std::uint64_t> capped{0};
@@ -278,10 +278,9 @@ class Rasteriser {
       group_.back[t] = std::int32_t(size());
       group_.back.push_back(-1);
       const auto again = [t](auto& plane) { plane.push_back(plane[t]); };
-      again(group_.position), again(group_.albedo), again(group_.emission);
+      again(group_.position), again(group_.albedo);
       again(group_.area_m2), again(group_.coverage), again(group_.triangle);
       again(group_.chart), again(group_.page), again(group_.x), again(group_.y);
-      group_.geometric_normal.push_back(-group_.geometric_normal[t]);
       group_.shading_normal.push_back(-group_.shading_normal[t]);
       for (std::uint32_t i = 0; i < kPoints; ++i) {
         group_.points.push_back(group_.points[std::size_t(t) * kPoints + i]);

@@ -90,7 +90,6 @@ void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
   }
   const Bary bary = make_point(most.triangle, setup.bary(at)).bary();
   group.position[texel] = position_at(scene_, most.triangle, bary);
-  group.geometric_normal[texel] = setup.normal;
   group.shading_normal[texel] = shading_normal(scene_, most.triangle, bary);
   group.area_m2[texel] = float(area);
   group.coverage[texel] = float(std::min(covered, 1.0));
@@ -105,12 +104,6 @@ bool TexelFiller::fill_colours(TextureGroup& group, std::uint32_t texel) {
         return t.constant_albedo ? std::optional(t.albedo) : std::nullopt;
       },
       [&](const SamplePoint& p) { return albedo_at(scene_, p.triangle, p.bary()); });
-  group.emission[texel] = mean_over(
-      setups_, points,
-      [](const TriangleSetup& t) {
-        return t.constant_emission ? std::optional(t.emission) : std::nullopt;
-      },
-      [&](const SamplePoint& p) { return emission_at(scene_, p.triangle, p.bary()); });
   const Rgb capped{std::min(albedo.r, kMaxAlbedo), std::min(albedo.g, kMaxAlbedo),
                    std::min(albedo.b, kMaxAlbedo)};
   group.albedo[texel] = capped;

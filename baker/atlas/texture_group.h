@@ -48,10 +48,8 @@ struct TextureGroup {
   std::uint32_t front_count = 0;
 
   std::vector<Vec3> position;           ///< m: a point of the surface near the footprint's centroid
-  std::vector<Vec3> geometric_normal;   ///< unit
   std::vector<Vec3> shading_normal;     ///< unit
   std::vector<Rgb> albedo;              ///< mean over the footprint, capped at kMaxAlbedo
-  std::vector<Rgb> emission;            ///< cd/m2, mean over the footprint
   std::vector<float> area_m2;           ///< world area of the covered part; sums to the surface's
   std::vector<float> coverage;          ///< covered share of the texel's square, (0, 1]
   std::vector<std::uint32_t> triangle;  ///< the one that covers most
@@ -88,10 +86,11 @@ inline constexpr std::size_t kMaxBandPieces = std::size_t(1) << 25;
 /// covers most of it; the area of the others there goes to their own nearest texel within two
 /// steps, or else to the texel's owner, so that areas sum to the surface's. A triangle without area
 /// on the page has no texel: its area goes to its chart's nearest texel within two steps, if there
-/// is one, and a look-up on it reads its neighbours. `position`, normals and `triangle` belong
-/// together: they are of the triangle that covers most, at its nearest point to the footprint's
-/// centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles in eight rows of
-/// a page), `canceled`. Runs on `pool`, or on the calling thread; the bits are the same.
+/// is one, and a look-up on it reads its neighbours. `position`, `shading_normal` and
+/// `triangle` belong together: they are of the triangle that covers most, at its nearest point to
+/// the footprint's centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles
+/// in eight rows of a page), `canceled`. Runs on `pool`, or on the calling thread; the bits are the
+/// same.
 proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {},
                                         std::size_t max_pieces = kMaxBandPieces,
                                         ThreadPool* pool = nullptr);

@@ -17,9 +17,7 @@ void SetupCache::fill(TriangleSetup& s, std::uint32_t triangle) const {
   s.constant_albedo = material.base_texture.image < 0 &&
                       scene_.colors[v[0]] == scene_.colors[v[1]] &&
                       scene_.colors[v[0]] == scene_.colors[v[2]];
-  s.constant_emission = is_black(material.emission) || material.emission_texture.image < 0;
   if (s.constant_albedo) s.albedo = albedo_at(scene_, triangle, {});
-  if (s.constant_emission) s.emission = emission_at(scene_, triangle, {});
 }
 
 }  // namespace kiln::baker::atlas_detail

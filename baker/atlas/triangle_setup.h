@@ -10,12 +10,12 @@ namespace kiln::baker::atlas_detail {
 /// What rasterising needs of a triangle again and again.
 struct TriangleSetup {
   std::uint32_t triangle = 0xffffffffu;
-  bool constant_albedo = false, constant_emission = false;
+  bool constant_albedo = false;
   Point p[3];                             ///< on the page, texels
   double ux = 0, uy = 0, vx = 0, vy = 0;  ///< u and v grow by these per texel
   double m2_per_texel2 = 0;  ///< world area behind an area on the page: the map is affine
   Vec3 normal;               ///< geometric
-  Rgb albedo, emission;      ///< where constant
+  Rgb albedo;                ///< where constant
 
   Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
   /// Barycentric (u, v) of a page point; outside [0, 1] when the point is outside.

@@ -26,35 +26,28 @@ std::string page_name(std::uint32_t page, const char* extension) {
   return std::string("page_").append(digits.size() < 2 ? "0" : "").append(digits).append(extension);
 }
 
-/// The plane of one layer, one value per texel of the group.
-proto::Expected<std::vector<Rgb>> layer_values(const OutputInput& in, const std::string& layer) {
+/// What one layer shows of a texel.
+proto::Expected<TexelValue> layer_value(const OutputInput& in, const std::string& layer) {
   const Lightmap& light = in.light;
   const FilteredLight& shown = in.filtered;
-  const auto plane = [&](const auto& value) -> std::vector<Rgb> {
-    std::vector<Rgb> values(light.size());
-    for (std::uint32_t i = 0; i < light.size(); ++i) values[i] = value(i);
-    return values;
-  };
   if (layer == "irradiance")
-    return plane([&](auto i) { return shown.direct[i] + shown.sky[i] + shown.indirect[i]; });
-  if (layer == "direct") return plane([&](auto i) { return shown.direct[i] + shown.sky[i]; });
-  if (layer == "indirect") return shown.indirect;
-  if (layer == "raw") return plane([&](auto i) { return light.irradiance(i); });
+    return [&](auto i) { return shown.direct[i] + shown.sky[i] + shown.indirect[i]; };
+  if (layer == "direct") return [&](auto i) { return shown.direct[i] + shown.sky[i]; };
+  if (layer == "indirect") return [&](auto i) { return shown.indirect[i]; };
+  if (layer == "raw") return [&](auto i) { return light.irradiance(i); };
   if (layer == "standard_error")
-    return plane([&](auto i) {
+    return [&](auto i) {
       const float direct = shown.direct_variance[i], gathered = shown.gathered_variance[i];
       return Rgb{std::sqrt(direct + gathered), std::sqrt(direct), std::sqrt(gathered)};
-    });
+    };
   if (layer == "samples")
-    return plane([&](auto i) {
-      return Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0};
-    });
+    return [&](auto i) { return Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0}; };
   return fail("internal", "there is no layer '" + layer + "'");
 }
 
 struct Layer {
   std::string name;
-  std::vector<Rgb> values;
+  TexelValue value;
 };
 
 /// Writes the files of one bake; fills the manifest on the way.
@@ -84,15 +77,11 @@ class Writer {
  private:
   proto::Expected<void> load_layers() {
     for (const std::string& name : settings_.output.layers) {
-      if (name == "irradiance") {  // the page has it anyway
-        layers_.push_back({name, {}});
-        continue;
-      }
-      auto values = layer_values(in_, name);
-      if (!values) return Unexpected(values.error());
-      layers_.push_back({name, std::move(*values)});
+      auto value = layer_value(in_, name);
+      if (!value) return Unexpected(value.error());
+      layers_.push_back({name, std::move(*value)});
     }
-    auto irradiance = layer_values(in_, "irradiance");
+    auto irradiance = layer_value(in_, "irradiance");
     if (!irradiance) return Unexpected(irradiance.error());
     irradiance_ = std::move(*irradiance);
     return {};
@@ -103,8 +92,8 @@ class Writer {
     return {};
   }
 
-  PageImage compose(std::uint32_t page, const std::vector<Rgb>& values) const {
-    return compose_page(in_.texels, page, values, settings_.post.dilate);
+  PageImage compose(std::uint32_t page, const TexelValue& value) const {
+    return compose_page(in_.texels, page, value, settings_.post.dilate);
   }
 
   /// The files of a page are made at the same time, one by each thread.
@@ -183,7 +172,7 @@ class Writer {
     float max = 0;
     for (const Layer& layer : layers_) {
       const PageImage* image = &irradiance;
-      if (layer.name != "irradiance") image = &images.emplace_back(compose(p, layer.values));
+      if (layer.name != "irradiance") image = &images.emplace_back(compose(p, layer.value));
       named.push_back({layer.name, image});
       for (const Rgb v : image->rgb) max = std::max(max, max_channel(v));
     }
@@ -307,7 +296,7 @@ class Writer {
   ThreadPool& pool_;
   std::stop_token stop_;
   std::vector<Layer> layers_;
-  std::vector<Rgb> irradiance_;
+  TexelValue irradiance_;  ///< as a page shows it, whatever its layers
   std::vector<LitPage> lit_pages_;
 };
 

@@ -94,8 +94,8 @@ class Padding {
 
 }  // namespace
 
-PageImage compose_page(const TextureGroup& group, std::uint32_t page_index,
-                       std::span<const Rgb> values, std::uint32_t dilate) {
+PageImage compose_page(const TextureGroup& group, std::uint32_t page_index, const TexelValue& value,
+                       std::uint32_t dilate) {
   const TextureGroup::Page& page = group.pages.at(page_index);
   Padding padding(page);
   for (std::uint32_t ring = 0; dilate == 0 || ring < dilate; ++ring)
@@ -106,7 +106,7 @@ PageImage compose_page(const TextureGroup& group, std::uint32_t page_index,
   image.coverage.resize(page.texel_at.size());
   for (std::size_t i = 0; i < image.rgb.size(); ++i) {
     const std::uint32_t source = padding.sources()[i];
-    if (source != kEmpty) image.rgb[i] = values[page.texel_at[source]];
+    if (source != kEmpty) image.rgb[i] = value(std::uint32_t(page.texel_at[source]));
     if (page.texel_at[i] >= 0) image.coverage[i] = group.coverage[page.texel_at[i]];
   }
   return image;

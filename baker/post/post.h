@@ -2,7 +2,7 @@
 
 #include <array>
 #include <cstdint>
-#include <span>
+#include <functional>
 #include <stop_token>
 #include <vector>
 
@@ -22,9 +22,10 @@ struct PageImage {
 /// texels (0: the whole page), never writing a lit texel. A padding texel shows the lit texel that
 /// is nearest to it, the first in row order among equals; so padding between two charts is parted
 /// in the middle. A bilinear look-up inside a chart reads lit texels and their 8 neighbours: with
-/// two or more empty texels between charts it never reads another chart's light. `values`: one per
-/// texel of the group. Deterministic; callable from many threads.
-PageImage compose_page(const TextureGroup&, std::uint32_t page, std::span<const Rgb> values,
+/// two or more empty texels between charts it never reads another chart's light. `value` is asked
+/// for texels of the page. Deterministic; callable from many threads.
+using TexelValue = std::function<Rgb(std::uint32_t texel)>;
+PageImage compose_page(const TextureGroup&, std::uint32_t page, const TexelValue& value,
                        std::uint32_t dilate);
 
 /// Scale that brings the 95th percentile (nearest rank) of lit luminance to 0.8 before the tone

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using proto::Expected;
 
 using Magic = std::array<char, 8>;
-constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '3'};
+constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '4'};
 constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
 constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
 constexpr const char* kStateFile = "state.bin";
@@ -130,11 +130,11 @@ bool read_light(Reader& r, std::uint64_t file_bytes, StoredLight& out) {
     if (!read_report(r, out.passes.emplace_back())) return false;
   std::uint64_t texel_bytes = 0;
   const Lightmap none;
-  Lightmap::for_planes(none, [&](const auto& plane) { texel_bytes += sizeof(*plane.data()); });
+  Lightmap::for_planes(none, [&](const auto& plane) { texel_bytes += sizeof(plane[0]); });
   if (!r.value(texels) || texels * texel_bytes > file_bytes) return false;
   auto light = std::make_shared<Lightmap>(texels);
   bool whole = true;
-  Lightmap::for_planes(*light, [&](auto& plane) { whole = whole && r.plane(plane); });
+  Lightmap::for_planes(*light, [&](auto& plane) { whole = whole && r.plane(plane.own()); });
   whole = whole && r.sealed();
   out.light = std::move(light);
   return whole;
@@ -224,7 +224,7 @@ Expected<void> write_checkpoint(const fs::path& dir, const std::string& key,
       w.value(std::uint32_t(passes.size()));
       for (const auto& p : passes) write_report(w, p);
       w.value(light.size());
-      Lightmap::for_planes(light, [&](const auto& plane) { w.plane(plane); });
+      Lightmap::for_planes(light, [&](const auto& plane) { w.plane(plane.values()); });
     });
   });
 }

@@ -1,5 +1,6 @@
 #include "baker/solver/direct.h"
 
+#include <utility>
 #include <vector>
 
 #include "baker/solver/lamp_light.h"
@@ -14,14 +15,6 @@ constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;
-
-/// Light that arrived, in two halves of the samples, each of which is an estimate of half of it.
-struct Halves {
-  Rgb half[2];
-
-  Rgb sum() const { return half[0] + half[1]; }
-  Rgb spread() const { return half[0] - half[1]; }
-};
 
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
@@ -43,9 +36,9 @@ class ShadowBatch {
     traced_ += waiting_;
     waiting_ = 0;
   }
-  Halves take_sum() {
+  Estimate take_estimate() {
     flush();
-    return std::exchange(sum_, Halves{});
+    return std::exchange(sum_, Halves{}).estimate();
   }
   std::uint64_t traced() const { return traced_; }
 
@@ -57,13 +50,6 @@ class ShadowBatch {
   Rgb value_[16];
   Halves sum_;
   std::uint64_t traced_ = 0;
-};
-
-/// What a part of the direct light brings.
-struct Arrived {
-  Rgb irradiance, spread;
-
-  void add(const Halves& h) { irradiance += h.sum(), spread += h.spread(); }
 };
 
 /// Cosine at the receiver; 0 below either horizon.
@@ -84,7 +70,7 @@ Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shad
       const Rgb value = a.irradiance * (cosine * kShare);
       if (!is_black(value)) shadows.add(at.origin[i], a.shadow_ray(at.origin[i]), value, false);
     }
-  return shadows.take_sum().sum();
+  return shadows.take_estimate().mean;
 }
 
 /// Picks lights by rising positions in [0, 1) from shares that sum to 1, as LightChoice::Walk does.
@@ -107,8 +93,8 @@ class ShareWalk {
 /// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
 /// Unbiased. `first` samples were drawn before.
 template <class Walk>
-Halves sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std::uint32_t first,
-                     std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
+Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std::uint32_t first,
+                       std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1, first));
   const std::uint32_t point_flip = hash(seed, 2);
   for (std::uint32_t k = 0; k < count; ++k) {
@@ -125,7 +111,7 @@ Halves sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std:
     const Rgb value = s.value * (cosine / (float(count) * pick.probability));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);
   }
-  return shadows.take_sum();
+  return shadows.take_estimate();
 }
 
 /// Many lights: the texels of a tile choose among them alike.
@@ -133,6 +119,15 @@ class ManyLights {
  public:
   explicit ManyLights(const SolverInput& in) : in_(in), lamp_(in), choice_(in.lights.table()) {}
 
+  Estimate arrive(std::uint32_t texel, const Footprint& at, std::uint32_t first,
+                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
+    if (texel % kTileTexels == 0)
+      start_tile({texel, std::min(texel + kTileTexels, in_.texels.size())});
+    return sampled_light(in_, at, LightChoice::Walk(choice_), first, count, seed, shadows);
+  }
+  static std::uint64_t traced() { return 0; }  ///< beside the batch's
+
+ private:
   /// Looks at the lights from up to four texels spread over the tile, and from one of each surface
   /// in it.
   void start_tile(TexelRange tile) {
@@ -147,9 +142,7 @@ class ManyLights {
     }
     choice_.finish();
   }
-  LightChoice::Walk walk() const { return LightChoice::Walk(choice_); }
 
- private:
   /// At one point towards lights that are far away against the footprint, else at all of its
   /// points, for its middle tells little then.
   void look_from(std::uint32_t texel) {
@@ -177,8 +170,8 @@ class FewLights {
   explicit FewLights(const SolverInput& in)
       : in_(in), lamp_(in), views_(in.lights.area().size()), share_(views_.size()) {}
 
-  void run(const Footprint& at, std::uint32_t first, std::uint32_t count, std::uint32_t seed,
-           ShadowBatch& shadows, Arrived& to) {
+  Estimate arrive(std::uint32_t /*texel*/, const Footprint& at, std::uint32_t first,
+                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
     const PointFrames frames = at.frames();
     const auto& lights = in_.lights.area();
     float total = 0;
@@ -186,34 +179,44 @@ class FewLights {
       views_[l] = lamp_.view(lights[l], at, frames);
       total += share_[l] = luminance(lights[l].radiance) * views_[l].mean;
     }
-    if (!(total > 0)) return;
+    Estimate sum;
+    if (!(total > 0)) return sum;
     float rest = 0;
     for (std::size_t l = 0; l < lights.size(); ++l) {
-      // The share is the same in every round, so those before took their part of the sequence.
-      const float packets = float(count) / Footprint::kPoints * (share_[l] / total),
-                  before = float(first) / Footprint::kPoints * (share_[l] / total);
-      if (lights[l].is_uniform() && packets >= kLampPackets) {
-        const LampLight::Arrived a = lamp_.arrive(
-            lights[l], views_[l], at, frames, std::uint32_t(std::lround(before)),
-            std::uint32_t(std::lround(packets)), hash(seed, std::uint32_t(l)), traced_);
-        to.irradiance += lights[l].radiance * a.irradiance;
-        to.spread += lights[l].radiance * a.spread;
+      const float share = share_[l] / total;
+      if (lights[l].is_uniform() && share * float(count) / Footprint::kPoints >= kLampPackets) {
+        sum += arrive_from(l, share, at, frames, first, count, seed);
         share_[l] = 0;
       }
       rest += share_[l];
     }
-    if (!(rest > 0)) return;
+    if (!(rest > 0)) return sum;
     for (float& share : share_) share /= rest;
     const auto part = [&](std::uint32_t n) {
       return std::uint32_t(std::ceil(float(n) * (rest / total)));
     };
-    to.add(sampled_light(in_, at, ShareWalk(share_), part(first), part(count), seed, shadows));
+    return sum +=
+           sampled_light(in_, at, ShareWalk(share_), part(first), part(count), seed, shadows);
   }
   std::uint64_t traced() const { return traced_; }
 
  private:
   /// Packets of samples that a light must earn to be a lamp.
   static constexpr float kLampPackets = 0.75f;
+
+  /// A lamp's packets are a run of its own sequence: those between its shares of the samples before
+  /// and after, so that rounds neither repeat nor leave out any.
+  Estimate arrive_from(std::size_t l, float share, const Footprint& at, const PointFrames& frames,
+                       std::uint32_t first, std::uint32_t count, std::uint32_t seed) {
+    const auto packets = [&](std::uint32_t samples) {
+      return std::uint32_t(std::lround(float(samples) / Footprint::kPoints * share));
+    };
+    const std::uint32_t begin = packets(first), end = std::max(packets(first + count), begin + 1);
+    const AreaLight& light = in_.lights.area()[l];
+    const LampLight::Arrived a = lamp_.arrive(light, views_[l], at, frames, begin, end - begin,
+                                              hash(seed, std::uint32_t(l)), traced_);
+    return {light.radiance * a.irradiance, luminance(light.radiance) * a.spread};
+  }
 
   const SolverInput& in_;
   const LampLight lamp_;
@@ -222,30 +225,28 @@ class FewLights {
   std::uint64_t traced_ = 0;
 };
 
+/// @param area_lights FewLights or ManyLights
+template <class AreaLights>
+std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelRange range,
+                           std::uint32_t first, std::uint32_t count, const DirectLight::Put& put) {
+  ShadowBatch shadows(in.rays);
+  for (std::uint32_t t = range.begin; t < range.end; ++t) {
+    const Footprint at(in, t);
+    const std::uint32_t seed = texel_seed(in, t, Purpose::kDirect);
+    Estimate e{punctual_light(in, at, shadows)};
+    if (!in.lights.area().empty()) e += area_lights.arrive(t, at, first, count, seed, shadows);
+    put(t, e);
+  }
+  return shadows.traced() + area_lights.traced();
+}
+
 }  // namespace
 
 std::uint64_t DirectLight::run(TexelRange range, std::uint32_t first, std::uint32_t count,
-                               std::span<Rgb> irradiance, std::span<Rgb> spread) const {
-  const std::size_t light_count = in_.lights.area().size();
-  const bool few = light_count <= kFewLights;
-  FewLights few_lights(in_);
-  ManyLights many_lights(in_);
-  ShadowBatch shadows(in_.rays);
-  for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    if (light_count > 0 && !few && t % kTileTexels == 0)
-      many_lights.start_tile({t, std::min(t + kTileTexels, in_.texels.size())});
-    const Footprint at(in_, t);
-    const std::uint32_t seed = texel_seed(in_, t, Purpose::kDirect);
-    Arrived arrived;
-    arrived.irradiance = punctual_light(in_, at, shadows);
-    if (light_count > 0 && few)
-      few_lights.run(at, first, count, seed, shadows, arrived);
-    else if (light_count > 0)
-      arrived.add(sampled_light(in_, at, many_lights.walk(), first, count, seed, shadows));
-    irradiance[t] = arrived.irradiance;
-    spread[t] = arrived.spread;
-  }
-  return shadows.traced() + few_lights.traced();
+                               const Put& put) const {
+  return in_.lights.area().size() <= kFewLights
+             ? light_texels(in_, FewLights(in_), range, first, count, put)
+             : light_texels(in_, ManyLights(in_), range, first, count, put);
 }
 
 }  // namespace kiln::baker

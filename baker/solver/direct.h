@@ -1,30 +1,30 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
+#include <functional>
 
+#include "baker/solver/estimate.h"
 #include "baker/solver/footprint.h"
 #include "baker/solver/solver.h"
 
 namespace kiln::baker {
 
-/// Direct light by explicit sampling. Area lights share the shadow rays of a texel by
-/// their unoccluded contributions. Where lights are few, those that earn a ray from each point are
-/// lamps (see LampLight); the others, and all where they are many, are drawn systematically from
-/// the distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
+/// Direct light by explicit sampling. Area lights share the shadow rays of a texel by their
+/// unoccluded contributions. Where lights are few, those that earn a ray from each point are lamps
+/// (see LampLight); the others, and all where they are many, are drawn systematically from the
+/// distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
 /// each point of the footprint. Immutable; callable from many threads.
 class DirectLight {
  public:
   explicit DirectLight(const SolverInput& in) : in_(in) {}
 
-  /// Irradiance, lx, of the texels of `range` into `irradiance`, and half the difference
-  /// between two halves of the rays into `spread` (both indexed by texel).
-  /// @param range begins at a multiple of 16
+  using Put = std::function<void(std::uint32_t texel, const Estimate&)>;  ///< irradiance, lx
+  /// Calls `put` for the texels of `range`, which begins at a multiple of 16.
   /// @param first shadow rays that were sent before, of the same sequence
   /// @param count shadow rays towards area lights
   /// @return rays traced
   std::uint64_t run(TexelRange range, std::uint32_t first, std::uint32_t count,
-                    std::span<Rgb> irradiance, std::span<Rgb> spread) const;
+                    const Put& put) const;
 
  private:
   const SolverInput& in_;

@@ -62,7 +62,8 @@ Estimate DirectionSet::estimate(Rgb first_sum, Rgb second_sum) const {
   const auto n = float(count), a = float(first_half_), b = n - a;
   Estimate e;
   e.mean = (first_sum + second_sum) * (1 / n);
-  e.spread = b > 0 ? (first_sum * (1 / a) - second_sum * (1 / b)) * (std::sqrt(a * b) / n) : e.mean;
+  e.spread = b > 0 ? (luminance(first_sum) / a - luminance(second_sum) / b) * (std::sqrt(a * b) / n)
+                   : luminance(e.mean);
   return e;
 }
 

@@ -4,19 +4,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "baker/math/vec.h"
+#include "baker/solver/estimate.h"
 
 namespace kiln::baker {
-
-/// The mean over some samples, and how far two halves of them differ. Both are linear: means of
-/// estimates are estimates, and so are sums of independent ones.
-struct Estimate {
-  Rgb mean;
-  /// Half the difference of the two halves' means. Its square is an unbiased estimate of the mean's
-  /// variance if the samples are independent; samples of one net are spread better than that, and
-  /// it comes out too large then, never too small.
-  Rgb spread;
-};
 
 /// The directions of a gather: a run of the Sobol sequence in the order in which it is traced,
 /// packets of sixteen. Runs that begin at a multiple of their length, a power of two, are nets, and

@@ -24,24 +24,29 @@ void Feedback::find_hidden(const Lightmap& light) {
   }
 }
 
-void Feedback::read(const Lightmap& light) {
+bool Feedback::read(const Lightmap& light, const Workers& workers) {
+  constexpr std::uint32_t kRunTexels = 16384;
   radiosity_.resize(in_.texels.size());
-  for (std::uint32_t t = 0; t < in_.texels.size(); ++t) {
-    // E is the mean over the footprint; rays from outside meet its visible part only.
-    const float visible = light.validity[t];
-    const Rgb b =
-        in_.texels.albedo[t] * light.irradiance(t) * (visible >= kHiddenShare ? 1 / visible : 1.f);
-    radiosity_[t] = {b.r, b.g, b.b, 0};
-  }
+  const bool whole = workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
+    for (std::uint32_t t = begin; t < end; ++t) {
+      // E is the mean over the footprint; rays from outside meet its visible part only.
+      const float visible = light.validity[t];
+      const Rgb b = in_.texels.albedo[t] * light.irradiance(t) *
+                    (visible >= kHiddenShare ? 1 / visible : 1.f);
+      radiosity_[t] = {b.r, b.g, b.b, 0};
+    }
+  });
+  if (!whole) return false;
   for (const Repair& repair : repairs_) {
     Rgb sum;
     for (std::uint32_t i = 0; i < repair.count; ++i) sum += radiosity(repair.neighbour[i]);
     const Rgb b = sum * (1 / float(repair.count));
     radiosity_[repair.texel] = {b.r, b.g, b.b, 0};
   }
+  return true;
 }
 
-void Feedback::extrapolate(std::span<const Rgb> earlier, float scale) {
+void Feedback::extrapolate(const Plane<Rgb>& earlier, float scale) {
   for (std::uint32_t t = 0; t < radiosity_.size(); ++t) {
     Radiosity& b = radiosity_[t];
     b.r += scale * (b.r - earlier[t].r);
@@ -50,7 +55,7 @@ void Feedback::extrapolate(std::span<const Rgb> earlier, float scale) {
   }
 }
 
-void Feedback::restore(std::span<const Rgb> radiosity) {
+void Feedback::restore(const Plane<Rgb>& radiosity) {
   radiosity_.resize(radiosity.size());
   for (std::size_t t = 0; t < radiosity.size(); ++t)
     radiosity_[t] = {radiosity[t].r, radiosity[t].g, radiosity[t].b, 0};

@@ -22,13 +22,13 @@ class Feedback {
   void find_hidden(const Lightmap&);
   bool knows_hidden() const { return knows_hidden_; }
 
-  /// Takes B from the light. [RTRad 5.4]
-  void read(const Lightmap&);
+  /// Takes B from the light. [RTRad 5.4] False when stopped.
+  bool read(const Lightmap&, const Workers&);
   /// B becomes B + scale * (B - earlier): what the series of bounces tends to, if each update is
   /// the same share of the one before it.
-  void extrapolate(std::span<const Rgb> earlier, float scale);
+  void extrapolate(const Plane<Rgb>& earlier, float scale);
   /// Takes over what a feedback held before.
-  void restore(std::span<const Rgb> radiosity);
+  void restore(const Plane<Rgb>& radiosity);
 
   Rgb radiosity(std::uint32_t texel) const {
     const Radiosity& b = radiosity_[texel];

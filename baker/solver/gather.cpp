@@ -40,13 +40,6 @@ class LazyWords {
   std::size_t count_ = 0;
 };
 
-/// The old estimate of `n` samples and one of `m` more.
-template <class T>
-T joined(const T& old, std::uint32_t n, const T& more, std::uint32_t m) {
-  const float share = float(m) / (float(n) + float(m));
-  return old * (1 - share) + more * share;
-}
-
 class GatherSolver final : public Solver {
  public:
   GatherSolver(const SolverInput& in, std::uint64_t hit_budget)
@@ -74,7 +67,8 @@ class GatherSolver final : public Solver {
   }
 
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override;
-  bool begin(const Pass& pass, const Lightmap& before, const Workers& workers) override;
+  bool begin(const Pass& pass, const Lightmap& before, Lightmap& after,
+             const Workers& workers) override;
   std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
                     Lightmap& after) override;
   bool finish(const Pass& pass, Lightmap& after, const Workers& workers,
@@ -133,7 +127,9 @@ class GatherSolver final : public Solver {
     return hits_.all().subspan(texel * n, n);
   }
   /// Whether the texel has hits of its own; otherwise it is interpolated.
-  bool gathers(std::uint32_t texel) { return hits_of(texel).front() != kHitNone; }
+  bool gathers(std::uint32_t texel) {
+    return gathers_.empty() ? hits_of(texel).front() != kHitNone : gathers_[texel];
+  }
 
   void trace_texel(std::uint32_t t, Lightmap& after) {
     const std::span<std::uint32_t> hits = hits_of(t);
@@ -144,7 +140,11 @@ class GatherSolver final : public Solver {
   void look_up_texel(std::uint32_t t, Lightmap& after) {
     put(feedback_.look_up(set_, hits_of(t)), after.indirect[t], after.indirect_spread[t]);
   }
-  static void put(const Estimate& e, Rgb& mean, Rgb& spread) { mean = e.mean, spread = e.spread; }
+  static void put(const Estimate& e, Rgb& mean, float& spread) { mean = e.mean, spread = e.spread; }
+  void own_planes(const Pass& pass, Lightmap& after) const;
+
+  bool begin_round(const Lightmap& before, const Workers&);
+  void forget_hits();
 
   std::uint64_t trace(TexelRange range, Lightmap& after);
   std::uint64_t refine(TexelRange range, const Lightmap& before, Lightmap& after);
@@ -152,7 +152,7 @@ class GatherSolver final : public Solver {
   std::uint64_t add_samples(TexelRange range, Lightmap& light);
   std::uint64_t add_shadow_rays(TexelRange tile, Lightmap& light);
   std::uint64_t add_directions(TexelRange tile, const DirectionSet&, Lightmap& light);
-  bool interpolate(Lightmap& light, const Workers&);
+  bool interpolate(const Pass&, Lightmap& light, const Workers&);
 
   const SolverInput in_;
   const SamplePlan plan_;
@@ -164,7 +164,8 @@ class GatherSolver final : public Solver {
   SampleRounds rounds_;
   std::map<std::uint32_t, DirectionSet> more_;  ///< those of a round, by the samples before them
   bool needs_rays_;
-  LazyWords hits_;  ///< set_.size() per texel; kHitNone: interpolated
+  LazyWords hits_;             ///< set_.size() per texel; kHitNone: interpolated
+  std::vector<bool> gathers_;  ///< what is left of the hits once the bounces are done
 };
 
 std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) const {
@@ -221,18 +222,47 @@ void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pa
   pass.tail_scale = ratio * (1 - std::pow(ratio, limit - bounces - 1)) / (1 - ratio);
 }
 
-bool GatherSolver::begin(const Pass& pass, const Lightmap& before, const Workers& workers) {
+/// Makes those planes the pass's own that it changes.
+void GatherSolver::own_planes(const Pass& pass, Lightmap& after) const {
+  const bool round = pass.name == kRound, bounces = pass.name == kBounce || pass.name == kTail;
+  if (pass.name == kDirect || (round && rounds_.adds_shadow_rays()))
+    after.direct.own(), after.direct_spread.own(), after.direct_samples.own();
+  if (pass.name == kTrace || pass.name == kRefine) after.validity.own();
+  if (bounces) after.radiosity.renew();
+  if (pass.name == kDirect || (round && !rounds_.adds_directions())) return;
+  after.indirect.own(), after.indirect_spread.own();
+  if (!bounces) after.sky.own(), after.sky_spread.own(), after.samples.own();
+}
+
+bool GatherSolver::begin(const Pass& pass, const Lightmap& before, Lightmap& after,
+                         const Workers& workers) {
   const bool bounces = pass.name == kBounce || pass.name == kTail;
   if (bounces && !feedback_.knows_hidden()) feedback_.find_hidden(before);
-  if (bounces || (pass.name == kTrace && plan_.coarse)) feedback_.read(before);
+  if ((bounces || (pass.name == kTrace && plan_.coarse)) && !feedback_.read(before, workers))
+    return false;
   if (pass.name == kTail) feedback_.extrapolate(before.radiosity, float(pass.tail_scale));
-  if (pass.name != kRound) return true;
+  if (pass.name == kRound && !begin_round(before, workers)) return false;
+  own_planes(pass, after);
+  return true;
+}
+
+bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
+  forget_hits();
   feedback_.restore(before.radiosity);
   if (!rounds_.begin(before, workers)) return false;
   more_.clear();
   for (const std::uint32_t first : rounds_.first_directions())
     more_.emplace(first, DirectionSet(first, rounds_.more_directions(first)));
   return true;
+}
+
+/// Rounds trace their own rays: the memory of the first ones is free for the filter.
+void GatherSolver::forget_hits() {
+  if (!gathers_.empty() || !needs_rays_) return;
+  std::vector<bool> gathered(in_.texels.size());
+  for (std::uint32_t t = 0; t < in_.texels.size(); ++t) gathered[t] = gathers(t);
+  gathers_ = std::move(gathered);
+  hits_ = {};
 }
 
 std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelRange range,
@@ -242,8 +272,10 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
   if (pass.name == kRound) return add_samples(range, after);
   if (pass.name == kDirect) {
     const std::uint32_t count = plan_.shadow_rays;
-    std::fill(&after.direct_samples[range.begin], &after.direct_samples[range.end - 1] + 1, count);
-    return direct_.run(range, 0, count, after.direct, after.direct_spread);
+    for (std::uint32_t t = range.begin; t < range.end; ++t) after.direct_samples[t] = count;
+    return direct_.run(range, 0, count, [&](std::uint32_t t, const Estimate& e) {
+      put(e, after.direct[t], after.direct_spread[t]);
+    });
   }
   bounce(range, after);
   return 0;
@@ -253,12 +285,14 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
                           proto::PassReport& report) {
   if (pass.name == kRefine && in_.settings.bounces > 0) {
     // What the sites were compared by is no bounce yet.
-    std::fill(after.indirect.begin(), after.indirect.end(), Rgb{});
-    std::fill(after.indirect_spread.begin(), after.indirect_spread.end(), Rgb{});
+    after.indirect.renew();
+    after.indirect_spread.renew();
   }
-  if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(after, workers))
+  if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(pass, after, workers))
     return false;
-  return !pass.completes || rounds_.judge(after, workers, report);
+  if (!pass.completes) return true;
+  if (!pass.fills_state) forget_hits();
+  return rounds_.judge(after, workers, report);
 }
 
 std::uint64_t GatherSolver::trace(TexelRange range, Lightmap& after) {
@@ -312,17 +346,11 @@ std::uint64_t GatherSolver::add_samples(TexelRange range, Lightmap& light) {
 std::uint64_t GatherSolver::add_shadow_rays(TexelRange tile, Lightmap& light) {
   const std::uint32_t had = light.direct_samples[tile.begin], more = rounds_.more_shadow_rays(had);
   if (more == 0) return 0;
-  const auto part = [&](const std::vector<Rgb>& plane) {
-    return std::vector<Rgb>(plane.begin() + tile.begin, plane.begin() + tile.end);
-  };
-  const std::vector<Rgb> mean = part(light.direct), spread = part(light.direct_spread);
-  const std::uint64_t traced = direct_.run(tile, had, more, light.direct, light.direct_spread);
-  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    light.direct[t] = joined(mean[t - tile.begin], had, light.direct[t], more);
-    light.direct_spread[t] = joined(spread[t - tile.begin], had, light.direct_spread[t], more);
+  return direct_.run(tile, had, more, [&](std::uint32_t t, const Estimate& e) {
+    light.direct[t] = joined(light.direct[t], had, e.mean, more);
+    light.direct_spread[t] = joined(light.direct_spread[t], had, e.spread, more);
     light.direct_samples[t] = had + more;
-  }
-  return traced;
+  });
 }
 
 std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& set,
@@ -330,7 +358,7 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
   std::vector<std::uint32_t> hits(set.size());
   const std::uint32_t had = set.first, more = set.size();
   std::uint64_t traced = 0;
-  const auto join = [&](const Estimate& e, Rgb& mean, Rgb& spread) {
+  const auto join = [&](const Estimate& e, Rgb& mean, float& spread) {
     mean = joined(mean, had, e.mean, more);
     spread = joined(spread, had, e.spread, more);
   };
@@ -347,19 +375,24 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
 }
 
 /// Fills the texels between the sites.
-bool GatherSolver::interpolate(Lightmap& light, const Workers& workers) {
+bool GatherSolver::interpolate(const Pass& pass, Lightmap& light, const Workers& workers) {
   constexpr std::uint32_t kRunTexels = 4096;
-  const auto mean = [](const CoarseSites::Sites& sites, const std::vector<Rgb>& plane) {
-    Rgb sum;
-    for (const std::uint32_t s : sites.all()) sum += plane[s];
-    return sum * (1 / float(sites.count));
+  if (pass.name == kRound && !rounds_.adds_directions()) return true;
+  const auto fill = [](std::uint32_t t, const CoarseSites::Sites& sites, auto& plane) {
+    auto sum = plane[sites.texel[0]];
+    for (const std::uint32_t s : sites.all().subspan(1)) sum += plane[s];
+    plane[t] = sum * (1 / float(sites.count));
   };
+  const bool sky_too = pass.name != kBounce && pass.name != kTail;
   return workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
       if (gathers(t)) continue;
       const CoarseSites::Sites sites = sites_.around(t);
-      for (auto* plane : {&light.sky, &light.sky_spread, &light.indirect, &light.indirect_spread})
-        (*plane)[t] = mean(sites, *plane);
+      fill(t, sites, light.indirect);
+      fill(t, sites, light.indirect_spread);
+      if (!sky_too) continue;
+      fill(t, sites, light.sky);
+      fill(t, sites, light.sky_spread);
       light.samples[t] = std::max(light.samples[t], set_.size());
     }
   });

@@ -11,6 +11,7 @@ namespace kiln::baker {
 namespace {
 
 constexpr std::uint32_t kPoints = Footprint::kPoints;
+
 /// What the shadow rays of a texel found, in two halves.
 class Tally {
  public:

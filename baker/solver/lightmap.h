@@ -1,29 +1,30 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "baker/math/vec.h"
+#include "baker/solver/plane.h"
 
 namespace kiln::baker {
 
 /// The light on the texels of a TextureGroup, one entry per texel. Also the state that one pass
-/// hands to the next, and so the content of a checkpoint. Irradiance in lx, without albedo.
+/// hands to the next, and so the content of a checkpoint. Irradiance in lx, without albedo. Copies
+/// share their planes.
 struct Lightmap {
-  std::vector<Rgb> direct;    ///< straight from emitters and punctual lights
-  std::vector<Rgb> sky;       ///< straight from the sky
-  std::vector<Rgb> indirect;  ///< after one diffuse reflection or more
+  Plane<Rgb> direct;    ///< straight from emitters and punctual lights
+  Plane<Rgb> sky;       ///< straight from the sky
+  Plane<Rgb> indirect;  ///< after one diffuse reflection or more
   /// Share of the footprint that is not inside or behind other geometry, 0..1: all rays from a
   /// hidden point meet back faces. The path method, which sends few rays from a point at a time,
   /// gives the share of the texel's rays that met no back face.
-  std::vector<float> validity;
+  Plane<float> validity;
 
-  /// How far two halves of the samples differ, see Estimate::spread.
-  std::vector<Rgb> direct_spread, sky_spread, indirect_spread;
+  /// How far two halves of the samples differ in luminance, see Estimate::spread.
+  Plane<float> direct_spread, sky_spread, indirect_spread;
   /// Shadow rays towards area lights, and directions or paths, that the light was taken from.
-  std::vector<std::uint32_t> direct_samples, samples;
+  Plane<std::uint32_t> direct_samples, samples;
   /// What the last bounce read, lx: passes that only add samples read it again.
-  std::vector<Rgb> radiosity;
+  Plane<Rgb> radiosity;
 
   Lightmap() = default;
   explicit Lightmap(std::uint32_t texels)
@@ -39,7 +40,7 @@ struct Lightmap {
         radiosity(texels) {}
 
   Rgb irradiance(std::uint32_t texel) const { return direct[texel] + sky[texel] + indirect[texel]; }
-  std::uint32_t size() const { return static_cast<std::uint32_t>(direct.size()); }
+  std::uint32_t size() const { return direct.size(); }
 
   /// Calls `use(plane)` for every plane, in the order in which they are stored.
   template <class Light, class Use>

@@ -3,6 +3,7 @@
 #include <limits>
 #include <vector>
 
+#include "baker/solver/estimate.h"
 #include "baker/solver/footprint.h"
 #include "baker/solver/sample_rounds.h"
 #include "baker/solver/sampling.h"
@@ -25,14 +26,6 @@ struct Vertex {
 
   /// Of each sixteen samples, the last eight make the second half.
   bool in_second_half() const { return (sample & 8) != 0; }
-};
-
-/// Light of two halves of the samples.
-struct Halves {
-  Rgb half[2];
-
-  Rgb sum() const { return half[0] + half[1]; }
-  Rgb difference() const { return half[0] - half[1]; }
 };
 
 struct Sums {
@@ -210,6 +203,15 @@ class PathSolver final : public Solver {
     return pass;
   }
 
+  bool begin(const Pass&, const Lightmap&, Lightmap& after, const Workers&) override {
+    for (auto* plane : {&after.direct, &after.sky, &after.indirect}) plane->renew();
+    for (auto* plane :
+         {&after.direct_spread, &after.sky_spread, &after.indirect_spread, &after.validity})
+      plane->renew();
+    after.samples.renew();
+    return true;
+  }
+
   std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
                     Lightmap& after) override {
     std::uint64_t rays = 0;
@@ -219,13 +221,15 @@ class PathSolver final : public Solver {
       PathBundle bundle(in_, t);
       Sums sums;
       bundle.follow(pass.first_sample, pass.sample_count, sums);
-      const auto join = [&](auto old, auto more) { return old * old_share + more * scale; };
-      after.direct[t] = join(before.direct[t], sums.direct.sum());
-      after.sky[t] = join(before.sky[t], sums.sky.sum());
-      after.indirect[t] = join(before.indirect[t], sums.indirect.sum());
-      after.direct_spread[t] = join(before.direct_spread[t], sums.direct.difference());
-      after.sky_spread[t] = join(before.sky_spread[t], sums.sky.difference());
-      after.indirect_spread[t] = join(before.indirect_spread[t], sums.indirect.difference());
+      const auto join = [&](const Halves& more, Plane<Rgb> Lightmap::*mean,
+                            Plane<float> Lightmap::*spread) {
+        const Estimate e = more.estimate();
+        (after.*mean)[t] = (before.*mean)[t] * old_share + e.mean * scale;
+        (after.*spread)[t] = (before.*spread)[t] * old_share + e.spread * scale;
+      };
+      join(sums.direct, &Lightmap::direct, &Lightmap::direct_spread);
+      join(sums.sky, &Lightmap::sky, &Lightmap::sky_spread);
+      join(sums.indirect, &Lightmap::indirect, &Lightmap::indirect_spread);
       after.samples[t] = pass.first_sample + pass.sample_count;
       const float open = float(pass.sample_count - bundle.behind());
       after.validity[t] = before.validity[t] * old_share + open * scale;

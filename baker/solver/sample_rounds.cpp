@@ -37,7 +37,6 @@ float percentile_95(std::vector<float>& values) {
 SampleRounds::SampleRounds(const SolverInput& in, std::uint32_t directions)
     : in_(in),
       bank_(in.texels, in.scene.sky, in.filter && in.settings.method == proto::Method::kGather),
-      directions_(directions),
       can_add_shadow_rays_(!in.lights.area().empty() &&
                            in.plan.most_shadow_rays > in.plan.shadow_rays),
       can_add_directions_((in.settings.bounces > 0 || !is_black(in.scene.sky)) &&
@@ -71,6 +70,7 @@ std::uint32_t SampleRounds::more_directions(std::uint32_t had) const {
 }
 
 bool SampleRounds::judge(const Lightmap& light, const Workers& workers, proto::PassReport& report) {
+  filtered_.reset();  // its memory first
   filtered_ = bank_.run(light, workers);
   if (!filtered_) return false;
   judged_ = &light;
@@ -143,12 +143,14 @@ void SampleRounds::foresee(const Lightmap& light) {
   next_work_ = 0;
   double all = 0;
   first_directions_.clear();
+  adds_shadow_rays_ = false;
   tiles_.clear();
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
     const Doublings chosen = tiles_.emplace_back(choose(tile, light));
     const double share = double(tile.size()) / light.size();
     double work = 0;
+    adds_shadow_rays_ = adds_shadow_rays_ || chosen.shadow_rays > 0;
     std::uint32_t had = light.direct_samples[t];
     for (std::uint32_t i = 0; i < chosen.shadow_rays; ++i) {
       work += share * more_shadow_rays(had);

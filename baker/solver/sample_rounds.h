@@ -43,6 +43,9 @@ class SampleRounds {
     std::uint32_t shadow_rays = 0, directions = 0;
   };
   const Doublings& of(TexelRange tile) const { return tiles_[tile.begin / kTileTexels]; }
+  /// Whether any tile of the round that was begun takes more of them.
+  bool adds_shadow_rays() const { return adds_shadow_rays_; }
+  bool adds_directions() const { return !first_directions_.empty(); }
   /// How many samples follow on so many in one doubling: as many again, up to the limit.
   std::uint32_t more_shadow_rays(std::uint32_t had) const;
   std::uint32_t more_directions(std::uint32_t had) const;
@@ -64,7 +67,6 @@ class SampleRounds {
 
   const SolverInput& in_;
   FilterBank bank_;
-  const std::uint32_t directions_;
   bool can_add_shadow_rays_, can_add_directions_;
   std::uint32_t limit_ = 0, needed_ = 0;   ///< rounds at most, and at least
   std::optional<FilteredLight> filtered_;  ///< the light that was judged last
@@ -72,6 +74,7 @@ class SampleRounds {
   std::vector<float> error_;               ///< of each texel, relative
   std::vector<Doublings> tiles_;           ///< of the next round
   std::set<std::uint32_t> first_directions_;
+  bool adds_shadow_rays_ = false;
   double next_work_ = 0, expected_work_ = 0, work_done_ = 0;
 };
 

@@ -2,6 +2,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <cmath>
+#include <optional>
 
 #include "baker/solver/gather.h"
 #include "baker/solver/path.h"
@@ -9,30 +11,41 @@
 namespace kiln::baker {
 namespace {
 
-/// Area-weighted sums over the texels, in texel order: the same on any number of threads.
+/// From area-weighted sums over the texels, by runs of the same texels on any number of threads.
 struct Change {
   double mean_lx = 0;   ///< E after
   double residual = 0;  ///< mean |E after - E before| over mean E after
   bool finite = true;
 };
 
-Change measure(const TextureGroup& texels, const Lightmap& before, const Lightmap& after) {
+/// Nothing when stopped.
+std::optional<Change> measure(const TextureGroup& texels, const Lightmap& before,
+                              const Lightmap& after, const Workers& workers) {
+  constexpr std::uint32_t kRunTexels = 16384;
+  struct Sums {
+    double area = 0, light = 0, moved = 0;
+  };
+  std::vector<Sums> runs(texels.size() / kRunTexels + 1);
+  const bool whole = workers.for_runs(texels.size(), kRunTexels, [&](auto begin, auto end) {
+    Sums& run = runs[begin / kRunTexels];
+    for (std::uint32_t t = begin; t < end; ++t) {
+      const double a = texels.area_m2[t];
+      const Rgb now = after.irradiance(t), then = before.irradiance(t);
+      run.area += a;
+      run.light += a * (double(now.r) + now.g + now.b) / 3;
+      run.moved += a *
+                   (std::abs(double(now.r) - then.r) + std::abs(double(now.g) - then.g) +
+                    std::abs(double(now.b) - then.b)) /
+                   3;
+    }
+  });
+  if (!whole) return std::nullopt;
+  Sums all;
+  for (const Sums& run : runs) all.area += run.area, all.light += run.light, all.moved += run.moved;
   Change c;
-  double area = 0, moved = 0;
-  for (std::uint32_t t = 0; t < texels.size(); ++t) {
-    const double a = texels.area_m2[t];
-    const Rgb now = after.irradiance(t), then = before.irradiance(t);
-    const double e = double(now.r) + now.g + now.b;
-    area += a;
-    c.mean_lx += a * e / 3;
-    moved += a *
-             (std::abs(double(now.r) - then.r) + std::abs(double(now.g) - then.g) +
-              std::abs(double(now.b) - then.b)) /
-             3;
-    c.finite = c.finite && std::isfinite(e);
-  }
-  c.residual = c.mean_lx > 0 ? moved / c.mean_lx : 0;
-  c.mean_lx = area > 0 ? c.mean_lx / area : 0;
+  c.finite = std::isfinite(all.light);
+  c.residual = all.light > 0 ? all.moved / all.light : 0;
+  c.mean_lx = all.area > 0 ? all.light / all.area : 0;
   return c;
 }
 
@@ -68,7 +81,7 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     if (enough()) break;
     const auto start = std::chrono::steady_clock::now();
     auto after = std::make_shared<Lightmap>(*before);
-    bool whole = solver.begin(*pass, *before, workers);
+    bool whole = solver.begin(*pass, *before, *after, workers);
     const std::uint32_t size = pass->batch_texels;
     const std::uint32_t batches = (texels.size() + size - 1) / size;
     std::vector<std::uint64_t> rays(batches);
@@ -80,17 +93,17 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     });
     proto::PassReport report;
     whole = whole && solver.finish(*pass, *after, workers, report);
-    if (!whole && enough()) break;
-    if (!whole) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+    const auto change = whole ? measure(texels, *before, *after, workers) : std::nullopt;
+    if (!change && enough()) break;
+    if (!change) return proto::fail(proto::kCanceledCode, "The job was canceled.");
 
-    const Change change = measure(texels, *before, *after);
-    if (!change.finite)
+    if (!change->finite)
       return proto::fail("internal",
                          "The light of a texel is not finite after pass '" + pass->name + "'.");
     report.name = pass->name;
     report.index = pass->index;
-    report.residual = change.residual;
-    report.mean_lx = change.mean_lx;
+    report.residual = change->residual;
+    report.mean_lx = change->mean_lx;
     for (std::uint64_t r : rays) report.rays += r;
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -58,10 +58,11 @@ class Solver {
   virtual std::uint32_t max_passes() const = 0;
   /// Expected effort of all passes, in the unit of Pass::work. May change with what they find.
   virtual double total_work() const = 0;
-  /// Called once before the pass's batches, from one thread. False when stopped.
-  virtual bool begin(const Pass&, const Lightmap& /*before*/, const Workers&) { return true; }
-  /// Computes the texels of `range` from the light before the pass; writes no others. `after`
-  /// starts as a copy of `before`. Ranges begin at multiples of pass.batch_texels.
+  /// Called once before the pass's batches, from one thread. `after` is a copy of `before`; makes
+  /// its own the planes that the pass changes. False when stopped.
+  virtual bool begin(const Pass&, const Lightmap& before, Lightmap& after, const Workers&) = 0;
+  /// Computes the texels of `range` from the light before the pass; writes no others. Ranges begin
+  /// at multiples of pass.batch_texels.
   /// @return rays traced
   virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
                             Lightmap& after) = 0;
@@ -70,8 +71,8 @@ class Solver {
   virtual bool finish(const Pass&, Lightmap& /*after*/, const Workers&, proto::PassReport&) {
     return true;
   }
-  /// What passes with `fills_state` leave for later ones, beside the light. Its size never changes;
-  /// a checkpoint stores it as it is and writes it back. Empty: there is none.
+  /// What passes with `fills_state` leave for later ones, beside the light. A checkpoint stores it
+  /// after such a pass, and writes it back to a solver that has run none. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }
   /// The light as it is to be shown, with what is known of its error. Nothing when stopped.
   virtual std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) = 0;

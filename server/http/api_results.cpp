@@ -173,11 +173,9 @@ Expected<std::string> Api::render_preview(const Request& request, const proto::J
   baker::PageImage image;
   if (snapshot.light) {
     if (number >= snapshot.texels->pages.size()) return no_page();
-    std::vector<baker::Rgb> values(snapshot.texels->size());
-    for (std::uint32_t i = 0; i < snapshot.texels->size(); ++i)
-      values[i] = snapshot.light->irradiance(i);
-    image = baker::compose_page(*snapshot.texels, static_cast<std::uint32_t>(number), values,
-                                job.settings.post.dilate);
+    image = baker::compose_page(
+        *snapshot.texels, static_cast<std::uint32_t>(number),
+        [&](std::uint32_t t) { return snapshot.light->irradiance(t); }, job.settings.post.dilate);
   } else {
     const std::string name = exr_name(number);
     const auto files = jobs_.results(job.id);

@@ -74,7 +74,7 @@ TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
     EXPECT_GE(group->y[t], 8);
     EXPECT_NEAR(group->coverage[t], 1, 1e-6);
     EXPECT_NEAR(group->area_m2[t], 6.0 / 64, 1e-6);
-    EXPECT_EQ(group->geometric_normal[t], (Vec3{0, 0, 1}));
+    EXPECT_EQ(group->shading_normal[t], (Vec3{0, 0, 1}));
     // Texel (4, 8) is the corner with uv_min, where the quad's corner lies.
     EXPECT_NEAR(group->position[t].x, (group->x[t] - 4 + 0.5) / 8 * 2, 1e-3);
     EXPECT_NEAR(group->position[t].y, (group->y[t] - 8 + 0.5) / 8 * 3, 1e-3);
@@ -208,7 +208,6 @@ TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
     ++twins;
     EXPECT_TRUE(group->is_back(b));
     EXPECT_EQ(group->back[b], -1);
-    EXPECT_EQ(group->geometric_normal[b], -group->geometric_normal[t]);
     EXPECT_EQ(group->shading_normal[b], -group->shading_normal[t]);
     EXPECT_EQ(group->position[b], group->position[t]);
     EXPECT_EQ(group->albedo[b], group->albedo[t]);
@@ -289,11 +288,9 @@ TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
   const auto group = rasterise(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 64u);
-  for (std::uint32_t t = 0; t < group->size(); ++t) {
+  for (std::uint32_t t = 0; t < group->size(); ++t)
     expect_colour(group->albedo[t],
                   Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
-    EXPECT_EQ(group->emission[t], Rgb{});
-  }
 }
 
 template <class T>
@@ -320,10 +317,8 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
     EXPECT_EQ(group->front_count, alone->front_count);
     EXPECT_EQ(group->albedo_capped, alone->albedo_capped);
     expect_same_bytes(group->position, alone->position);
-    expect_same_bytes(group->geometric_normal, alone->geometric_normal);
     expect_same_bytes(group->shading_normal, alone->shading_normal);
     expect_same_bytes(group->albedo, alone->albedo);
-    expect_same_bytes(group->emission, alone->emission);
     expect_same_bytes(group->area_m2, alone->area_m2);
     expect_same_bytes(group->coverage, alone->coverage);
     expect_same_bytes(group->triangle, alone->triangle);
@@ -331,25 +326,6 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
     expect_same_bytes(group->x, alone->x);
     expect_same_bytes(group->y, alone->y);
     expect_same_bytes(group->points, alone->points);
-  }
-}
-
-TEST(Rasterise, EmissionIsTheTexturesMeanOverTheFootprint) {
-  SceneBuilder b;
-  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
-  Scene scene = b.build();
-  for (std::size_t v = 0; v < 4; ++v) {  // its own coordinates: half a turn around the middle
-    scene.emission_uv[v] = {1 - scene.lightmap_uv[v].x, 1 - scene.lightmap_uv[v].y};
-  }
-  scene.materials[0].emission = {100, 200, 300};
-  scene.materials[0].emission_texture = add_image(scene, 16, pattern);
-  const auto group = rasterise(scene, as_is(scene, 8));
-  ASSERT_TRUE(group);
-  ASSERT_EQ(group->size(), 64u);
-  for (std::uint32_t t = 0; t < group->size(); ++t) {
-    expect_colour(group->emission[t],
-                  Rgb{100, 200, 300} * pattern_mean(7u - group->x[t], 7u - group->y[t]));
-    expect_colour(group->albedo[t], {0.5f, 0.5f, 0.5f});
   }
 }
 
@@ -373,7 +349,6 @@ TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 1u);
   expect_colour(group->albedo[0], Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
-  expect_colour(group->emission[0], Rgb{20, 20, 20});
 }
 
 TEST(Rasterise, AlbedoOverTheCapIsCutAndCounted) {

@@ -46,7 +46,8 @@ void write_exr(benchmark::State& state, proto::Precision precision) {
   std::vector<baker::Rgb> values;
   for (const baker::Vec3& p : texels.position)
     values.push_back({2 + std::sin(p.x), 2 + std::sin(p.y), 2 + std::sin(p.z)});
-  const baker::PageImage page = baker::compose_page(texels, 0, values, 4);
+  const baker::PageImage page = baker::compose_page(
+      texels, 0, [&](std::uint32_t t) { return values[t]; }, 4);
   const baker::ExrLayer layer{"irradiance", &page};
   const test::TempFolder folder;
   const auto file = folder.path() / "page.exr";

@@ -30,11 +30,16 @@ TextureGroup draw(const std::vector<std::string>& rows) {
   return group;
 }
 
+/// One value per texel.
+TexelValue at(std::vector<Rgb> values) {
+  return [values = std::move(values)](std::uint32_t t) { return values[t]; };
+}
+
 /// The page after dilation as characters, each chart lit with its own value.
 std::vector<std::string> dilated(const TextureGroup& group, std::uint32_t rings) {
   std::vector<Rgb> values;
   for (const std::uint32_t chart : group.chart) values.push_back({float(chart + 1), 0, 0});
-  const PageImage image = compose_page(group, 0, values, rings);
+  const PageImage image = compose_page(group, 0, at(values), rings);
   std::vector<std::string> rows(image.height);
   for (std::size_t i = 0; i < image.rgb.size(); ++i)
     rows[i / image.width] += image.rgb[i].r == 0 ? '.' : char('a' - 1 + int(image.rgb[i].r));
@@ -57,7 +62,7 @@ TEST(ComposePage, TiesGoToTheFirstInRowOrderAndZeroFillsThePage) {
 TEST(ComposePage, RingsCountInTexelsAndNothingIsLitOnAnEmptyPage) {
   const TextureGroup group = draw({"a......"});
   EXPECT_EQ(dilated(group, 3), (std::vector<std::string>{"aaaa..."}));
-  const PageImage empty = compose_page(draw({"...", "..."}), 0, {}, 0);
+  const PageImage empty = compose_page(draw({"...", "..."}), 0, at({}), 0);
   for (const Rgb v : empty.rgb) EXPECT_TRUE(is_black(v));
 }
 
@@ -80,7 +85,7 @@ TEST(ComposePage, BilinearReadsNeverMeetTheOtherChartFromTwoEmptyTexelsOn) {
 TEST(ComposePage, LitTexelsKeepTheirValueAndPaddingHasNoCoverage) {
   const TextureGroup group = draw({"ab."});
   const std::vector<Rgb> values{{1, 2, 3}, {4, 5, 6}};
-  const PageImage image = compose_page(group, 0, values, 4);
+  const PageImage image = compose_page(group, 0, at(values), 4);
   EXPECT_EQ(image.rgb[0], values[0]);
   EXPECT_EQ(image.rgb[1], values[1]);
   EXPECT_EQ(image.rgb[2], values[1]);

@@ -1,8 +1,6 @@
 // The methods against each other, and against the laws of their own error.
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 #include "baker/solver/gather.h"
 #include "tests/solver/quad_scene.h"
 
@@ -147,10 +145,6 @@ TEST(Convergence, PathErrorFallsWithTheSquareRoot) {
   s.samples = 256;
   const double many = scatter(*box, s);
   EXPECT_LT(many, few / 4 * 1.15);
-}
-
-bool same_bits(const std::vector<Rgb>& a, const std::vector<Rgb>& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Rgb)) == 0;
 }
 
 TEST(Determinism, ThreadCountChangesNoBit) {

@@ -3,18 +3,12 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 #include "baker/solver/gather.h"
 #include "tests/solver/quad_scene.h"
 #include "tests/support/temp_files.h"
 
 namespace kiln::baker::test {
 namespace {
-
-bool same_bits(const std::vector<Rgb>& a, const std::vector<Rgb>& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Rgb)) == 0;
-}
 
 TEST(Checkpoint, RoundsAreReachedFromAnyPass) {
   QuadScene room(48);

@@ -54,10 +54,9 @@ Lightmap noisy(const TextureGroup& texels, float sigma, const std::function<floa
   for (std::uint32_t t = 0; t < texels.size(); ++t) {
     const float e = truth(texels.position[t]);
     const float a = e + normal(random), b = e + normal(random);
-    const Rgb mean{(a + b) / 2, (a + b) / 2, (a + b) / 2},
-        spread{(a - b) / 2, (a - b) / 2, (a - b) / 2};
+    const Rgb mean{(a + b) / 2, (a + b) / 2, (a + b) / 2};
     light.indirect[t] = light.direct[t] = mean;
-    light.indirect_spread[t] = light.direct_spread[t] = spread;
+    light.indirect_spread[t] = light.direct_spread[t] = (a - b) / 2;
   }
   return light;
 }

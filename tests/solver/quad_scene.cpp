@@ -1,5 +1,6 @@
 #include "tests/solver/quad_scene.h"
 
+#include <cstring>
 #include <stdexcept>
 
 namespace kiln::baker::test {
@@ -128,6 +129,11 @@ SeedStudy::SeedStudy(const QuadScene& scene, proto::SolverSettings settings, int
   area_standard_error = error_of_mean(area_mean, total_square);
   for (std::size_t i = 0; i < texels.size(); ++i)
     standard_error[i] = error_of_mean(mean[i], square[i]);
+}
+
+bool same_bits(const Plane<Rgb>& a, const Plane<Rgb>& b) {
+  return a.size() == b.size() &&
+         std::memcmp(a.values().data(), b.values().data(), a.size() * sizeof(Rgb)) == 0;
 }
 
 }  // namespace kiln::baker::test

@@ -69,4 +69,6 @@ struct SeedStudy {
             const std::vector<std::uint32_t>& texels);
 };
 
+bool same_bits(const Plane<Rgb>&, const Plane<Rgb>&);
+
 }  // namespace kiln::baker::test

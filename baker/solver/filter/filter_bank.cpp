@@ -11,19 +11,25 @@ namespace {
 constexpr std::uint32_t kRunTexels = 2048;
 constexpr int kCount = SurfaceNeighbours::kCount;
 
-/// One texel's light in two halves of the samples: red, green, blue, and the sky's luminance.
-struct alignas(32) Halves {
-  float a[4], b[4];
+/// The colour of the light, red, green, blue, and the sky's luminance.
+struct alignas(16) Colour {
+  float c[4];
 
-  Halves& add(float weight, const Halves& o) {
-    for (int i = 0; i < 4; ++i) a[i] += weight * o.a[i], b[i] += weight * o.b[i];
+  Colour& add(float weight, const Colour& o) {
+    for (int i = 0; i < 4; ++i) c[i] += weight * o.c[i];
     return *this;
   }
 };
 
-float luminance(const float (&v)[4]) {
-  return baker::luminance(Rgb{v[0], v[1], v[2]}) + v[3];
-}
+/// The light's luminance by two halves of the samples.
+struct Luminances {
+  float a = 0, b = 0;
+
+  Luminances& add(float weight, const Luminances& o) {
+    a += weight * o.a, b += weight * o.b;
+    return *this;
+  }
+};
 
 /// none, the narrow filter, the wide one, and both in turn.
 constexpr std::size_t kFilters = 4;
@@ -53,8 +59,8 @@ constexpr float kAlike = 0.3f;
 using Likeness = std::array<std::uint8_t, kCount>;
 
 /// How far the surface at `n` goes on from that at `t`.
-std::uint8_t likeness(const TextureGroup& texels, const std::vector<float>& validity,
-                      std::uint32_t t, std::uint32_t n) {
+std::uint8_t likeness(const TextureGroup& texels, const Plane<float>& validity, std::uint32_t t,
+                      std::uint32_t n) {
   constexpr float kHidden = 0.5f;
   if ((validity[t] < kHidden) != (validity[n] < kHidden)) return 0;
   const Vec3 a = texels.shading_normal[t], b = texels.shading_normal[n];
@@ -105,53 +111,58 @@ class Surroundings {
 /// around.
 class Filtering {
  public:
-  explicit Filtering(const Surroundings& around, std::uint32_t texels)
-      : around_(around), none_(texels) {}
+  Filtering(const Surroundings& around, std::uint32_t texels)
+      : around_(around), colour_(texels), none_(texels) {}
 
-  void set(std::uint32_t t, Rgb mean, Rgb spread, float sky = 0, float sky_spread = 0) {
-    none_[t] = {{mean.r + spread.r, mean.g + spread.g, mean.b + spread.b, sky + sky_spread},
-                {mean.r - spread.r, mean.g - spread.g, mean.b - spread.b, sky - sky_spread}};
+  void set(std::uint32_t t, Rgb mean, float sky, float spread) {
+    colour_[t] = {{mean.r, mean.g, mean.b, sky}};
+    const float all = luminance(mean) + sky;
+    none_[t] = {all + spread, all - spread};
   }
 
   /// How the halves say that the light varies, averaged over the texels around.
   float variance(std::uint32_t t) const {
     float sum = 0, weight = 0;
     around_.visit(t, [&](std::size_t, std::uint32_t n, float w) {
-      const float d = (luminance(none_[n].a) - luminance(none_[n].b)) / 2;
+      const float d = (none_[n].a - none_[n].b) / 2;
       sum += w * d * d, weight += w;
     });
     return sum / weight;
   }
 
   void allocate() {
-    for (auto* plane : {&narrow_, &wide_, &both_}) plane->resize(none_.size());
+    narrow_.resize(none_.size());
+    wide_.resize(none_.size());
+    wide_colour_.resize(none_.size());
     errors_.resize(none_.size());
     smooth_errors_.resize(none_.size());
   }
   void smooth_once(std::uint32_t t) {
-    Halves narrow{}, wide{};
+    Luminances narrow, wide;
+    Colour colour{};
     float narrow_weight = 0, wide_weight = 0;
     around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
-      const Halves& h = none_[n];
       const float nw = w * kNarrow[k], ww = w * kWide[k];
-      narrow.add(nw, h), narrow_weight += nw;
-      wide.add(ww, h), wide_weight += ww;
+      narrow.add(nw, none_[n]), narrow_weight += nw;
+      wide.add(ww, none_[n]), wide_weight += ww;
+      colour.add(ww, colour_[n]);
     });
-    narrow_[t] = Halves{}.add(1 / narrow_weight, narrow);
-    wide_[t] = Halves{}.add(1 / wide_weight, wide);
+    narrow_[t] = Luminances{}.add(1 / narrow_weight, narrow);
+    wide_[t] = Luminances{}.add(1 / wide_weight, wide);
+    wide_colour_[t] = Colour{}.add(1 / wide_weight, colour);
   }
 
   void smooth_twice(std::uint32_t t) {
-    Halves sum{};
+    Luminances sum;
     float weight = 0;
     around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
       sum.add(w * kNarrow[k], wide_[n]), weight += w * kNarrow[k];
     });
-    both_[t] = Halves{}.add(1 / weight, sum);
-    const float a = luminance(none_[t].a), b = luminance(none_[t].b);
-    const auto filtered = filters(t);
+    const Luminances both = Luminances{}.add(1 / weight, sum);
+    const float a = none_[t].a, b = none_[t].b;
+    const std::array<Luminances, kFilters> filtered{none_[t], narrow_[t], wide_[t], both};
     for (std::size_t c = 0; c < kFilters; ++c) {
-      const float fa = luminance(filtered[c]->a), fb = luminance(filtered[c]->b);
+      const float fa = filtered[c].a, fb = filtered[c].b;
       errors_[t][c] = ((fa - b) * (fa - b) + (fb - a) * (fb - a) - (a - b) * (a - b)) / 2 -
                       (fa - fb) * (fa - fb) / 4 +
                       kAlike * (1 - 2 * kOwnWeight[c]) * (a - b) * (a - b) / 4;
@@ -167,25 +178,33 @@ class Filtering {
   Chosen choose(std::uint32_t t) const {
     const Errors e = mean(smooth_errors_, t);
     const float least = std::max(0.f, *std::min_element(e.begin(), e.end()));
-    const auto filtered = filters(t);
-    Halves sum{};
+    const std::array<Colour, kFilters> filtered{colour_[t], narrowed(colour_, t), wide_colour_[t],
+                                                narrowed(wide_colour_, t)};
+    Colour sum{};
     float weight = 0, error = 0;
     // The light's own rounding sets the scale below which errors are alike.
-    const float level = 1e-5f * (std::abs(luminance(none_[t].a)) + std::abs(luminance(none_[t].b)));
+    const float level = 1e-5f * (std::abs(none_[t].a) + std::abs(none_[t].b));
     const float floor = 0.05f * least + level * level + 1e-30f;
     for (std::size_t c = 0; c < kFilters; ++c) {
       const float ratio = (least + floor) / (std::max(e[c], 0.f) + floor);
       const float w = ratio * ratio;
-      sum.add(w * 0.5f, *filtered[c]);
+      sum.add(w, filtered[c]);
       error += w * std::max(e[c], 0.f), weight += w;
     }
-    const auto of = [&](int i) { return (sum.a[i] + sum.b[i]) / weight; };
-    return {{of(0), of(1), of(2)}, of(3), error / weight};
+    const Colour mean = Colour{}.add(1 / weight, sum);
+    return {{mean.c[0], mean.c[1], mean.c[2]}, mean.c[3], error / weight};
   }
 
  private:
-  std::array<const Halves*, kFilters> filters(std::uint32_t t) const {
-    return {&none_[t], &narrow_[t], &wide_[t], &both_[t]};
+  /// Through the narrow filter. The colours of the narrow filters are made where they are used:
+  /// they would be half of the memory.
+  Colour narrowed(const std::vector<Colour>& colour, std::uint32_t t) const {
+    Colour sum{};
+    float weight = 0;
+    around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
+      sum.add(w * kNarrow[k], colour[n]), weight += w * kNarrow[k];
+    });
+    return Colour{}.add(1 / weight, sum);
   }
 
   /// Over the texels around.
@@ -201,21 +220,30 @@ class Filtering {
   }
 
   const Surroundings& around_;
-  std::vector<Halves> none_, narrow_, wide_, both_;
+  std::vector<Colour> colour_, wide_colour_;
+  std::vector<Luminances> none_, narrow_, wide_;
   std::vector<Errors> errors_, smooth_errors_;
 };
 
 /// Runs a step over all texels; false when stopped.
 using Each = std::function<bool(const std::function<void(std::uint32_t)>&)>;
 
-/// Filters a signal that is set; `put(texel, chosen)` takes the outcome.
-template <class Put>
-bool filter(Filtering& signal, const Each& each, const Put& put) {
+/// Filters a signal, or, if it is not to be smoothed, tells its variance.
+/// @param set puts the light of a texel into the signal
+/// @param put takes the filtered light; @param put_variance the variance alone
+template <class Set, class Put, class PutVariance>
+bool filter(Filtering signal, const Each& each, bool smooth, const Set& set, const Put& put,
+            const PutVariance& put_variance) {
+  if (!each([&](std::uint32_t t) { set(signal, t); })) return false;
+  if (!smooth) return each([&](std::uint32_t t) { put_variance(t, signal.variance(t)); });
   signal.allocate();
   return each([&](std::uint32_t t) { signal.smooth_once(t); }) &&
          each([&](std::uint32_t t) { signal.smooth_twice(t); }) &&
-         each([&](std::uint32_t t) { signal.smooth_errors(t); }) &&
-         each([&](std::uint32_t t) { put(t, signal.choose(t)); });
+         each([&](std::uint32_t t) { signal.smooth_errors(t); }) && each([&](std::uint32_t t) {
+           const Filtering::Chosen chosen = signal.choose(t);
+           put(t, chosen);
+           put_variance(t, chosen.variance);
+         });
 }
 
 }  // namespace
@@ -228,36 +256,33 @@ std::optional<FilteredLight> FilterBank::run(const Lightmap& light, const Worker
       for (std::uint32_t t = begin; t < end; ++t) use(t);
     });
   };
-  FilteredLight out{light.direct, light.sky, light.indirect, std::vector<float>(count),
-                    std::vector<float>(count)};
   Surroundings around(texels_, neighbours_, light);
   if (!each([&](std::uint32_t t) { around.compare(t); })) return std::nullopt;
-  {
-    Filtering direct(around, count);
-    for (std::uint32_t t = 0; t < count; ++t)
-      direct.set(t, light.direct[t], light.direct_spread[t]);
-    const bool whole =
-        smooth_ ? filter(direct, each,
-                         [&](std::uint32_t t, const Filtering::Chosen& c) {
-                           out.direct[t] = c.light, out.direct_variance[t] = c.variance;
-                         })
-                : each([&](std::uint32_t t) { out.direct_variance[t] = direct.variance(t); });
-    if (!whole) return std::nullopt;
-  }
-  Filtering gathered(around, count);
-  for (std::uint32_t t = 0; t < count; ++t)
-    gathered.set(t, light.indirect[t], light.indirect_spread[t], baker::luminance(light.sky[t]),
-                 baker::luminance(light.sky_spread[t]));
+  FilteredLight out{light.direct, light.sky, light.indirect, Plane<float>(count),
+                    Plane<float>(count)};
+  if (smooth_)
+    for (auto* plane : {&out.direct, &out.sky, &out.indirect}) plane->renew();
+  const bool direct = filter(
+      Filtering(around, count), each, smooth_,
+      [&](Filtering& signal, std::uint32_t t) {
+        signal.set(t, light.direct[t], 0, light.direct_spread[t]);
+      },
+      [&](std::uint32_t t, const Filtering::Chosen& c) { out.direct[t] = c.light; },
+      [&](std::uint32_t t, float variance) { out.direct_variance[t] = variance; });
+  if (!direct) return std::nullopt;
   // Uniform over all directions, the sky has one colour on all texels.
-  const Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / baker::luminance(sky_));
-  const bool whole =
-      smooth_ ? filter(gathered, each,
-                       [&](std::uint32_t t, const Filtering::Chosen& c) {
-                         out.indirect[t] = c.light, out.sky[t] = colour * c.sky;
-                         out.gathered_variance[t] = c.variance;
-                       })
-              : each([&](std::uint32_t t) { out.gathered_variance[t] = gathered.variance(t); });
-  if (!whole) return std::nullopt;
+  const Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
+  const bool gathered = filter(
+      Filtering(around, count), each, smooth_,
+      [&](Filtering& signal, std::uint32_t t) {
+        signal.set(t, light.indirect[t], luminance(light.sky[t]),
+                   light.indirect_spread[t] + light.sky_spread[t]);
+      },
+      [&](std::uint32_t t, const Filtering::Chosen& c) {
+        out.indirect[t] = c.light, out.sky[t] = colour * c.sky;
+      },
+      [&](std::uint32_t t, float variance) { out.gathered_variance[t] = variance; });
+  if (!gathered) return std::nullopt;
   return out;
 }
 

@@ -13,9 +13,9 @@ namespace kiln::baker {
 
 /// A lightmap as it is written, and how well it is known. One entry per texel.
 struct FilteredLight {
-  std::vector<Rgb> direct, sky, indirect;  ///< lx
+  Plane<Rgb> direct, sky, indirect;  ///< lx
   /// Variance of the luminance, lx²: of direct light, and of sky and indirect light together.
-  std::vector<float> direct_variance, gathered_variance;
+  Plane<float> direct_variance, gathered_variance;
 };
 
 /// Smooths light where that lowers its error, and tells what error is left. Direct light is one
