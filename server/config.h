@@ -16,10 +16,13 @@ struct ServerConfig {
   std::uint16_t port = 8080;               ///< API; 0: any free port, which the log names
   std::uint16_t admin_port = 8081;         ///< /healthz, /readyz; 0: any free port
   std::filesystem::path data =
-      "lightkiln-data";                         ///< store, uploads and results; created if missing
-  std::uint32_t threads = 0;                    ///< of the bakes; 0: one per processor
-  std::uint32_t http_threads = 16;              ///< of requests; event streams hold none
-  std::uint64_t max_upload_bytes = 1ull << 30;  ///< of one request's body
+      "lightkiln-data";                    ///< store, uploads and results; created if missing
+  std::uint32_t threads = 0;               ///< of the bakes; 0: one per processor
+  std::uint32_t http_threads = 16;         ///< of requests; event streams hold none
+  std::uint32_t max_connections = 16'384;  ///< open at a time, event streams among them
+  std::uint32_t max_connections_per_address = 4096;  ///< of one client or proxy
+  std::uint32_t slow_request_ms = 1000;  ///< of the service's own time: then it is logged; 0: never
+  std::uint64_t max_upload_bytes = 1ull << 30;        ///< of one request's body
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
   std::uint32_t max_running_jobs = 2;
   std::uint32_t max_queued_jobs = 1000;           ///< beyond: `queue_full`

@@ -13,6 +13,7 @@ namespace kiln::server {
 namespace {
 
 std::atomic<LogFormat> g_format{LogFormat::kText};
+thread_local std::string t_request_id;
 
 spdlog::logger& logger() {
   static const auto instance = [] {
@@ -53,9 +54,19 @@ void set_up_log(const std::string& level, LogFormat format) {
   logger().set_level(spdlog::level::from_str(level));
 }
 
-void log_line(LogLevel level, std::string_view event, const nlohmann::json& fields) {
+LogRequest::LogRequest(std::string id) {
+  t_request_id = std::move(id);
+}
+
+LogRequest::~LogRequest() {
+  t_request_id.clear();
+}
+
+void log_line(LogLevel level, std::string_view event, const nlohmann::json& given) {
   const auto severity = spdlog_level(level);
   if (!logger().should_log(severity)) return;
+  nlohmann::json fields = given;
+  if (!t_request_id.empty()) fields["request_id"] = t_request_id;
   if (g_format == LogFormat::kJson) {
     nlohmann::json line{{"ts", now_rfc3339()}, {"level", name_of(level)}, {"event", event}};
     line.update(fields);

@@ -17,11 +17,25 @@ namespace kiln::server {
 namespace {
 
 // Every stream and connection is a descriptor; the usual soft limit of 1,024 is soon reached.
-void raise_descriptor_limit() {
+std::uint64_t raise_descriptor_limit() {
   rlimit limit{};
-  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
-  limit.rlim_cur = limit.rlim_max;
-  ::setrlimit(RLIMIT_NOFILE, &limit);
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return 1024;
+  const rlim_t before = std::exchange(limit.rlim_cur, limit.rlim_max);
+  return ::setrlimit(RLIMIT_NOFILE, &limit) == 0 ? limit.rlim_cur : before;
+}
+
+// The limits of the configuration, where a test has none of its own. Half of the descriptors stay
+// for files, the store, and connections that are on their way out.
+EdgeLimits edge_limits(EdgeLimits limits, const ServerConfig& config) {
+  if (limits.connections == 0) limits.connections = config.max_connections;
+  if (limits.connections_per_peer == 0)
+    limits.connections_per_peer = config.max_connections_per_address;
+  const std::uint64_t descriptors = raise_descriptor_limit();
+  if (limits.connections <= descriptors / 2) return limits;
+  log_line(LogLevel::kWarn, "descriptors",
+           {{"limit", descriptors}, {"max_connections", descriptors / 2}});
+  limits.connections = descriptors / 2;
+  return limits;
 }
 
 unsigned bake_threads(const ServerConfig& config) {
@@ -102,18 +116,22 @@ struct Service::Impl {
   std::string metrics_text() {
     const JobService::Counts jobs_now = jobs.counts();
     return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), hub.dropped(),
-                         data.bytes(), data.free_share()});
+                         data.bytes(), data.free_share(), api_server->connections()});
   }
 
   proto::Expected<void> listen() {
+    const EdgeLimits limits = edge_limits(parts.limits, config);
+    const std::chrono::milliseconds slow(config.slow_request_ms);
     auto main = HttpServer::start(
-        {"api", config.listen, config.port, config.http_threads, parts.limits},
+        {"api", config.listen, config.port, config.http_threads, limits, slow},
         [this](Request& request) { return counted(request); }, hub);
     if (!main) return proto::Unexpected(main.error());
     api_server = std::move(*main);
     constexpr unsigned kAdminThreads = 2;
+    EdgeLimits few = limits;
+    few.connections = std::min<std::size_t>(limits.connections, 256);
     auto second = HttpServer::start(
-        {"admin", config.admin_listen, config.admin_port, kAdminThreads, parts.limits},
+        {"admin", config.admin_listen, config.admin_port, kAdminThreads, few, slow},
         [this](Request& request) { return admin.route(request); }, hub);
     if (!second) return proto::Unexpected(second.error());
     admin_server = std::move(*second);
@@ -123,7 +141,6 @@ struct Service::Impl {
 
 proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& config,
                                                          ServiceParts parts) {
-  raise_descriptor_limit();
   auto data = DataFolder::open(config.data);
   if (!data) return proto::Unexpected(data.error());
   std::unique_ptr<Impl> impl;

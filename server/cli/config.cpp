@@ -117,6 +117,19 @@ const std::vector<ConfigRow>& config_rows() {
        parse_number<&C::threads, 0, 1024>, show_number<&C::threads>},
       {"http_threads", true, "a number from 2 to 1024", "Threads that answer requests",
        parse_number<&C::http_threads, 2, 1024>, show_number<&C::http_threads>},
+      {"max_connections", true, "a number from 16 to 1000000",
+       "Connections that are open at a time, event streams among them; at most half of the\n"
+       "descriptors that the process may have; one more is refused with overloaded",
+       parse_number<&C::max_connections, 16, 1'000'000>, show_number<&C::max_connections>},
+      {"max_connections_per_address", true, "a number from 0 to 1000000",
+       "Of these, connections from one address, which may be a proxy's; one more is refused with\n"
+       "too_many_connections; 0: no limit of its own",
+       parse_number<&C::max_connections_per_address, 0, 1'000'000>,
+       show_number<&C::max_connections_per_address>},
+      {"slow_request_ms", true, "a number from 0 to 3600000",
+       "Milliseconds of work for one request, without its client's share, from which on the log\n"
+       "warns of it (request.slow); 0: never",
+       parse_number<&C::slow_request_ms, 0, 3'600'000>, show_number<&C::slow_request_ms>},
       {"max_upload_bytes", false, "a number of bytes from 1KiB on, such as 536870912 or 512MiB",
        "Largest body of a request", parse_bytes<&C::max_upload_bytes, 1024>,
        show_number<&C::max_upload_bytes>},

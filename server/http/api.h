@@ -82,7 +82,8 @@ class Api {
     proto::Expected<proto::Job> job;
     bool waited = false;  ///< or there was nothing to wait for
   };
-  Waited wait_for_job(proto::Job, std::chrono::seconds, std::optional<std::uint64_t> since = {});
+  Waited wait_for_job(Request&, proto::Job, std::chrono::seconds,
+                      std::optional<std::uint64_t> since = {});
   /// The job of the request when it has results, else why not.
   proto::Expected<proto::Job> find_finished(const Request&) const;
   proto::Expected<std::shared_ptr<const proto::Fd>> open_result(const std::string& id,

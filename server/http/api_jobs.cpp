@@ -83,7 +83,7 @@ Response Api::list_jobs(Request& request) {
 }
 
 // A waiting request holds a thread, so only half of them may wait; the others are answered at once.
-Api::Waited Api::wait_for_job(proto::Job job, std::chrono::seconds time,
+Api::Waited Api::wait_for_job(Request& request, proto::Job job, std::chrono::seconds time,
                               std::optional<std::uint64_t> since) {
   if (time.count() == 0 || proto::is_terminal(job.state) || (since && *since != job.version))
     return {std::move(job), true};
@@ -92,7 +92,10 @@ Api::Waited Api::wait_for_job(proto::Job job, std::chrono::seconds time,
     std::counting_semaphore<>& slots;
     ~Release() { slots.release(); }
   } release{waits_};
-  return {jobs_.wait(job.id, time, since), true};
+  const auto began = std::chrono::steady_clock::now();
+  auto later = jobs_.wait(job.id, time, since);
+  request.asleep += std::chrono::steady_clock::now() - began;
+  return {std::move(later), true};
 }
 
 Response Api::get_job(Request& request) {
@@ -102,7 +105,7 @@ Response Api::get_job(Request& request) {
   if (!since) return problem(since.error(), request);
   auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  job = wait_for_job(std::move(*job), std::chrono::seconds(wait->value_or(0)), *since).job;
+  job = wait_for_job(request, std::move(*job), std::chrono::seconds(wait->value_or(0)), *since).job;
   if (!job) return problem(job.error(), request);
   const std::string etag = "\"" + std::to_string(job->version) + "\"";
   const auto* known = request.head.header("if-none-match");

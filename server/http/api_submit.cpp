@@ -136,7 +136,7 @@ Response Api::post_job(Request& request) {
   auto submitted = jobs_.submit(*input);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
-  const Waited waited = wait_for_job(std::move(submitted->job), patience);
+  const Waited waited = wait_for_job(request, std::move(submitted->job), patience);
   if (!waited.job) return problem(waited.job.error(), request);
   const proto::Job& job = *waited.job;
   Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);

@@ -1,7 +1,6 @@
 #include "server/http/connection.h"
 
 #include <arpa/inet.h>
-#include <fcntl.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -21,10 +20,8 @@ constexpr std::string_view kHeadEnd = "\r\n\r\n";
 
 }  // namespace
 
-Connection::Connection(proto::Fd fd, const EdgeLimits& limits)
-    : fd_(std::move(fd)), limits_(limits) {
-  ::fcntl(fd_.get(), F_SETFL, ::fcntl(fd_.get(), F_GETFL) | O_NONBLOCK);
-  ::fcntl(fd_.get(), F_SETFD, FD_CLOEXEC);
+Connection::Connection(proto::Fd fd, const EdgeLimits& limits, Census::Place place)
+    : fd_(std::move(fd)), limits_(limits), place_(std::move(place)) {
   sockaddr_storage address{};
   socklen_t size = sizeof address;
   if (::getpeername(fd_.get(), reinterpret_cast<sockaddr*>(&address), &size) != 0) return;
@@ -71,11 +68,17 @@ std::string Connection::take_head() {
 
 void Connection::begin_exchange() {
   began_ = Clock::now();
+  waited_ = {};
   read_ = written_ = 0;
 }
 
-bool Connection::wait(short events, std::chrono::milliseconds time) const {
-  const auto until = Clock::now() + time;
+bool Connection::wait(short events, std::chrono::milliseconds time) {
+  const auto start = Clock::now(), until = start + time;
+  const struct Count {
+    Clock::time_point start;
+    Clock::duration& waited;
+    ~Count() { waited += Clock::now() - start; }
+  } count{start, waited_};
   for (;;) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
     pollfd p{fd_.get(), events, 0};

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "proto/files.h"
+#include "server/http/census.h"
 
 namespace kiln::server {
 
@@ -20,7 +21,9 @@ struct EdgeLimits {
   std::chrono::milliseconds rate_grace{10'000};     ///< after which min_rate holds
   std::chrono::milliseconds linger{2'000};          ///< for the peer to take an early answer
   double min_rate = 4096;                           ///< bytes per second of a body, either way
-  std::size_t connections = 16'384;                 ///< that wait for a request, at most
+  std::size_t connections = 0;                      ///< open at a time, streams too; 0: no limit
+  std::size_t connections_per_peer = 0;             ///< of these, from one address
+  std::size_t waiting = 1024;                       ///< requests that wait for a thread
 };
 
 /// A non-blocking socket with a buffer. Used by one thread at a time.
@@ -28,10 +31,12 @@ class Connection {
  public:
   using Clock = std::chrono::steady_clock;
 
-  Connection(proto::Fd, const EdgeLimits&);
+  /// `place` is what it takes of everyone's; null: none.
+  Connection(proto::Fd, const EdgeLimits&, Census::Place place = {});
 
   int fd() const { return fd_.get(); }
   proto::Fd release() { return std::move(fd_); }
+  Census::Place release_place() { return std::move(place_); }
   const std::string& peer_address() const { return peer_; }
   int peer_port() const { return peer_port_; }
 
@@ -54,20 +59,24 @@ class Connection {
   bool discard();
 
   std::uint64_t bytes_written() const { return written_; }
+  /// Time of this exchange that was spent waiting for the peer.
+  Clock::duration waited() const { return waited_; }
   Clock::time_point deadline;  ///< of the wait that the connection is in
 
  private:
-  bool wait(short events, std::chrono::milliseconds) const;
+  bool wait(short events, std::chrono::milliseconds);
   bool too_slow(std::uint64_t bytes) const;
   ssize_t receive(char* out, std::size_t n);
 
   proto::Fd fd_;
   const EdgeLimits& limits_;
+  Census::Place place_;
   std::string peer_;
   int peer_port_ = 0;
   std::string buffer_;
   std::size_t at_ = 0;
   Clock::time_point began_;
+  Clock::duration waited_{};
   std::uint64_t read_ = 0, written_ = 0;
 };
 

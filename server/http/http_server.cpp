@@ -2,7 +2,6 @@
 
 #include <httplib.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -14,6 +13,7 @@
 #include <set>
 #include <thread>
 
+#include "server/http/acceptor.h"
 #include "server/http/hub.h"
 #include "server/http/lobby.h"
 #include "server/http/problem.h"
@@ -25,9 +25,6 @@
 namespace kiln::server {
 namespace {
 
-constexpr int kBacklog = 1024;
-constexpr std::size_t kMaxWaiting = 1024;  // requests that wait for a thread
-
 /// One request and its answer on a connection.
 struct Exchange {
   Connection& connection;
@@ -37,7 +34,8 @@ struct Exchange {
   std::string forwarded;  ///< the head that the library may see
   std::size_t forwarded_at = 0;
   bool close = false;
-  bool hand_over = false;  ///< to the hub
+  bool hand_over = false;                ///< to the hub
+  Connection::Clock::duration asleep{};  ///< because the client asked to wait
   Response response;
 
   Exchange(Connection& c, RequestHead h, std::string id)
@@ -131,10 +129,9 @@ void fill_answer(Exchange& exchange, httplib::Response& out) {
 }
 
 Response call(const server::Handler& handler, Exchange& exchange) {
-  Request request{exchange.head, exchange.body, exchange.request_id, {}, {}, {}};
+  Request request{exchange.head, exchange.body, exchange.request_id, {}, {}, {}, exchange.asleep};
   const auto report = [&](const char* what) {
-    log_line(LogLevel::kError, "http.exception",
-             {{"request_id", request.id}, {"path", exchange.head.path}, {"what", what}});
+    log_line(LogLevel::kError, "http.exception", {{"path", exchange.head.path}, {"what", what}});
   };
   try {
     return handler(request);
@@ -162,7 +159,8 @@ struct HttpServer::Impl final : httplib::Server {
       : options(std::move(o)),
         handler(std::move(h)),
         hub(the_hub),
-        pool(options.threads, kMaxWaiting),
+        census(options.limits.connections, options.limits.connections_per_peer),
+        pool(options.threads, options.limits.waiting),
         lobby(
             options.limits, [this](std::unique_ptr<Connection> c) { on_head(std::move(c)); },
             [](const char* code) { return refusal(code); }) {}
@@ -170,26 +168,19 @@ struct HttpServer::Impl final : httplib::Server {
   HttpOptions options;
   server::Handler handler;
   Hub& hub;
+  Census census;
   WorkerPool pool;
   Lobby lobby;
-  std::thread accept_thread;
+  std::unique_ptr<Acceptor> acceptor;
   std::atomic<bool> stopping{false};
-  std::atomic<int> listener{-1};
   std::uint16_t bound_port = 0;
   std::mutex mutex;
   std::condition_variable changed;
   std::set<int> active;  ///< sockets of running requests; guarded by mutex
 
-  /// The accept thread only hands sockets on, so its "pool" is itself.
-  struct Inline final : httplib::TaskQueue {
-    void enqueue(std::function<void()> task) override { task(); }
-    void shutdown() override {}
-  };
-
-  bool configure();
-  bool bind();
-  void accept_loop();
-  bool process_and_close_socket(socket_t fd) override;
+  void configure();
+  proto::Expected<void> listen();
+  void take(proto::Fd);
   void on_head(std::unique_ptr<Connection>);
   void serve(std::unique_ptr<Connection>);
   bool exchange_once(Connection&, bool& handed_over);
@@ -202,19 +193,13 @@ std::string HttpServer::Impl::refusal(const char* code) {
   const std::string_view what = code;
   const std::string text = what == "request_timeout" ? "The request's head did not arrive in time."
                            : what == "overloaded"    ? "The service has too many connections."
-                                                     : "The request's head is over 32 KiB.";
+                           : what == "too_many_connections"
+                               ? "Too many connections of this address are open."
+                               : "The request's head is over 32 KiB.";
   return raw_problem({code, text, {}}, new_id("req_"));
 }
 
-bool HttpServer::Impl::configure() {
-  new_task_queue = [] { return new Inline; };
-  set_tcp_nodelay(true);
-  // The library's default is SO_REUSEPORT: two servers would share a port and its traffic.
-  set_socket_options([this](socket_t fd) {
-    const int yes = 1;
-    ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-    listener = fd;
-  });
+void HttpServer::Impl::configure() {
   set_pre_routing_handler([](const httplib::Request&, httplib::Response& out) {
     fill_answer(*t_exchange, out);
     return HandlerResponse::Handled;
@@ -231,40 +216,26 @@ bool HttpServer::Impl::configure() {
   set_exception_handler([](const httplib::Request&, httplib::Response& out, std::exception_ptr) {
     out.status = 500;  // filling the answer failed: out of memory
   });
-  return bind();
 }
 
-bool HttpServer::Impl::bind() {
-  if (bound_port == 0 && options.port == 0) {
-    const int port = bind_to_any_port(options.listen);
-    if (port <= 0) return false;
-    bound_port = static_cast<std::uint16_t>(port);
-  } else {
-    const std::uint16_t port = bound_port ? bound_port : options.port;
-    if (!bind_to_port(options.listen, port)) return false;
-    bound_port = port;
-  }
-  // The library asks for a backlog of 5, which drops connections in a burst.
-  return ::listen(listener, kBacklog) == 0;
+proto::Expected<void> HttpServer::Impl::listen() {
+  auto made = Acceptor::start(options.name, options.listen, options.port,
+                              [this](proto::Fd fd) { take(std::move(fd)); });
+  if (!made) return proto::Unexpected(made.error());
+  acceptor = std::move(*made);
+  bound_port = acceptor->port();
+  // The library takes a server without a socket for one that shuts down, and cuts its answers.
+  svr_sock_ = acceptor->fd();
+  return {};
 }
 
-// accept() fails for good on rare errors (ENFILE, ENOMEM): then bind again, unless we are stopping.
-void HttpServer::Impl::accept_loop() {
-  for (;;) {
-    listen_after_bind();
-    while (!stopping) {
-      log_line(LogLevel::kError, "http.listen",
-               {{"server", options.name}, {"what", "accepting failed; binding again"}});
-      std::this_thread::sleep_for(std::chrono::milliseconds(200));
-      if (bind()) break;
-    }
-    if (stopping) return;
-  }
-}
-
-bool HttpServer::Impl::process_and_close_socket(socket_t fd) {
-  lobby.adopt(std::make_unique<Connection>(proto::Fd(fd), options.limits), /*fresh=*/true);
-  return true;
+void HttpServer::Impl::take(proto::Fd fd) {
+  auto [place, refused] = census.enter(fd.get());
+  auto connection = std::make_unique<Connection>(std::move(fd), options.limits, std::move(place));
+  if (refused == Census::Refusal::kNone) return lobby.adopt(std::move(connection), /*fresh=*/true);
+  connection->write_at_once(
+      refusal(refused == Census::Refusal::kFull ? "overloaded" : "too_many_connections"));
+  lobby.linger(std::move(connection));
 }
 
 void HttpServer::Impl::on_head(std::unique_ptr<Connection> connection) {
@@ -301,9 +272,9 @@ bool HttpServer::Impl::exchange_once(Connection& connection, bool& handed_over) 
   auto head = parse_head(connection.take_head());
   if (head) return answer(connection, std::move(*head), handed_over);
   const std::string id = new_id("req_");
-  log_line(
-      LogLevel::kInfo, "request",
-      {{"request_id", id}, {"remote", connection.peer_address()}, {"code", head.error().code}});
+  const LogRequest context(id);
+  log_line(LogLevel::kInfo, "request",
+           {{"remote", connection.peer_address()}, {"code", head.error().code}});
   connection.write(raw_problem(head.error(), id));
   return false;
 }
@@ -311,6 +282,7 @@ bool HttpServer::Impl::exchange_once(Connection& connection, bool& handed_over) 
 bool HttpServer::Impl::answer(Connection& connection, RequestHead head, bool& handed_over) {
   const auto began = Connection::Clock::now();
   Exchange exchange(connection, std::move(head), new_id("req_"));
+  const LogRequest context(exchange.request_id);
   exchange.response = call(handler, exchange);
   // What is left of a body would be read as the next request.
   exchange.close = exchange.head.wants_close() || !exchange.body.done() || stopping;
@@ -322,8 +294,8 @@ bool HttpServer::Impl::answer(Connection& connection, RequestHead head, bool& ha
   log_request(exchange, began);
   if (exchange.hand_over && !stream.broken()) {
     StreamContent& content = *exchange.response.stream;
-    hub.adopt(
-        {connection.release(), std::move(content.ring), content.after, std::move(content.intro)});
+    hub.adopt({connection.release(), std::move(content.ring), content.after,
+               std::move(content.intro), connection.release_place()});
     handed_over = true;
   }
   return ok && !exchange.close && !stream.broken();
@@ -331,26 +303,28 @@ bool HttpServer::Impl::answer(Connection& connection, RequestHead head, bool& ha
 
 void HttpServer::Impl::log_request(const Exchange& exchange,
                                    Connection::Clock::time_point began) const {
-  const std::chrono::duration<double, std::milli> time = Connection::Clock::now() - began;
-  log_line(LogLevel::kInfo, "request",
-           {{"request_id", exchange.request_id},
-            {"server", options.name},
+  const auto milliseconds = [](Connection::Clock::duration time) {
+    return std::round(std::chrono::duration<double, std::micro>(time).count()) / 1000;
+  };
+  const auto time = Connection::Clock::now() - began;
+  const auto own = time - exchange.connection.waited() - exchange.asleep;
+  const bool slow = options.slow.count() > 0 && own >= options.slow;
+  log_line(slow ? LogLevel::kWarn : LogLevel::kInfo, slow ? "request.slow" : "request",
+           {{"server", options.name},
             {"method", exchange.head.method},
             {"path", exchange.head.path},
             {"status", exchange.response.status},
             {"bytes", exchange.connection.bytes_written()},
-            {"ms", std::round(time.count() * 1000) / 1000},
+            {"ms", milliseconds(time)},
+            {"own_ms", milliseconds(own)},
             {"remote", exchange.connection.peer_address()}});
 }
 
 proto::Expected<std::unique_ptr<HttpServer>> HttpServer::start(HttpOptions options, Handler handler,
                                                                Hub& hub) {
   auto impl = std::make_unique<Impl>(std::move(options), std::move(handler), hub);
-  if (!impl->configure())
-    return proto::fail("cannot_listen", "Could not listen on " + impl->options.listen + ":" +
-                                            std::to_string(impl->options.port) +
-                                            ": the address is in use or not ours.");
-  impl->accept_thread = std::thread([self = impl.get()] { self->accept_loop(); });
+  impl->configure();
+  if (auto listening = impl->listen(); !listening) return proto::Unexpected(listening.error());
   return std::unique_ptr<HttpServer>(new HttpServer(std::move(impl)));
 }
 
@@ -364,12 +338,13 @@ std::uint16_t HttpServer::port() const {
   return impl_->bound_port;
 }
 
+std::size_t HttpServer::connections() const {
+  return impl_->census.open();
+}
+
 void HttpServer::stop(std::chrono::milliseconds grace) {
-  if (!impl_->accept_thread.joinable()) return;
-  impl_->stopping = true;
-  // Not Server::stop(): that would also cut the answers which are being written.
-  ::shutdown(impl_->listener, SHUT_RDWR);
-  impl_->accept_thread.join();
+  if (impl_->stopping.exchange(true)) return;
+  impl_->acceptor->stop();
   {
     std::unique_lock lock(impl_->mutex);
     impl_->changed.wait_for(lock, grace, [&] { return impl_->active.empty(); });

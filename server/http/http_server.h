@@ -19,10 +19,12 @@ struct HttpOptions {
   std::uint16_t port = 0;  ///< 0: any free port
   unsigned threads = 16;
   EdgeLimits limits;
+  /// A request that takes the service longer than this is logged; its client's time does not count.
+  std::chrono::milliseconds slow{0};  ///< 0: none is
 };
 
-/// An HTTP/1.1 server around a handler. cpp-httplib accepts connections and writes answers; heads,
-/// bodies, limits and waiting are ours, since the packaged version bounds none of them.
+/// An HTTP/1.1 server around a handler. cpp-httplib writes the answers; connections, heads, bodies,
+/// limits and waiting are ours, since the packaged version bounds none of them.
 class HttpServer {
  public:
   /// Binds and starts to serve. `hub` takes the event streams over; it must live longer.
@@ -31,6 +33,7 @@ class HttpServer {
   ~HttpServer();  ///< stop() without a grace, unless done
 
   std::uint16_t port() const;
+  std::size_t connections() const;  ///< open now, event streams among them
   /// Refuses new connections, lets running requests finish for up to `grace`, then cuts them.
   void stop(std::chrono::milliseconds grace);
 

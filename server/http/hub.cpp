@@ -1,6 +1,5 @@
 #include "server/http/hub.h"
 
-#include <fcntl.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -68,7 +67,6 @@ void Hub::wake() const {
 }
 
 void Hub::adopt(Stream stream) {
-  ::fcntl(stream.socket.get(), F_SETFL, ::fcntl(stream.socket.get(), F_GETFL) | O_NONBLOCK);
   {
     const std::lock_guard lock(mutex_);
     arrivals_.push_back(std::move(stream));
@@ -160,6 +158,7 @@ void Hub::welcome(Stream stream) {
   watch(epoll_.get(), fd, EPOLL_CTL_ADD, EPOLLIN | EPOLLRDHUP);
   Client& client = clients_[fd];
   client.socket = std::move(stream.socket);
+  client.place = std::move(stream.place);
   client.ring = std::move(stream.ring);
   client.sent = stream.after;
   add_chunk(client.out, stream.intro + (draining_ ? kDraining : ""));

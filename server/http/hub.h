@@ -35,8 +35,9 @@ class Hub {
   struct Stream {
     proto::Fd socket;
     std::shared_ptr<const EventRing> ring;
-    std::uint64_t after = 0;  ///< id of the last event that `intro` or the client has
-    std::string intro;        ///< text to send first
+    std::uint64_t after = 0;              ///< id of the last event that `intro` or the client has
+    std::string intro;                    ///< text to send first
+    std::shared_ptr<const void> place{};  ///< kept as long as the stream is open
   };
   void adopt(Stream);
   /// The ring has a new event. Cheap; any thread.
@@ -52,6 +53,7 @@ class Hub {
  private:
   struct Client {
     proto::Fd socket;
+    std::shared_ptr<const void> place;
     std::shared_ptr<const EventRing> ring;
     std::uint64_t sent = 0;
     std::string out;

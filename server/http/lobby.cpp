@@ -13,6 +13,7 @@ namespace kiln::server {
 namespace {
 
 using Clock = Connection::Clock;
+constexpr std::size_t kMaxLingering = 256;
 constexpr int kTickMs = 250;  // how late a deadline may be noticed
 
 void watch(int epoll, int fd) {
@@ -57,6 +58,7 @@ void Lobby::adopt(std::unique_ptr<Connection> connection, bool fresh) {
 }
 
 void Lobby::linger(std::unique_ptr<Connection> connection) {
+  connection->release_place();
   connection->shut_down_writing();
   connection->deadline = Clock::now() + limits_.linger;
   enter(std::move(connection), Mode::kLinger);
@@ -107,9 +109,7 @@ void Lobby::take_arrivals() {
 void Lobby::admit(Guest guest) {
   const int fd = guest.connection->fd();
   const bool leaving = guest.mode == Mode::kLinger;
-  if (leaving && lingering_ >= limits_.connections) return;  // closes it
-  if (!leaving && guests_.size() - lingering_ >= limits_.connections)
-    return begin_linger(std::move(guest), "overloaded");
+  if (leaving && lingering_ >= kMaxLingering) return;  // closes it
   if (leaving) ++lingering_;
   guests_[fd] = std::move(guest);
   watch(epoll_.get(), fd);
@@ -147,6 +147,7 @@ void Lobby::look_at(int fd) {
 }
 
 void Lobby::begin_linger(Guest guest, const char* code) {
+  guest.connection->release_place();
   guest.connection->write_at_once(last_words_(code));
   guest.connection->shut_down_writing();
   guest.connection->deadline = Clock::now() + limits_.linger;

@@ -52,7 +52,7 @@ class Lobby {
   LastWords last_words_;
   proto::Fd epoll_, wake_;
   std::map<int, Guest> guests_;  ///< the lobby's thread only
-  std::size_t lingering_ = 0;    ///< guests that only leave: they take no one's place
+  std::size_t lingering_ = 0;    ///< guests that only leave: they have given their place back
   std::mutex mutex_;
   std::vector<Guest> arrivals_;  ///< guarded by mutex_
   std::atomic<bool> stopping_{false};

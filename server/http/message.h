@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -24,6 +25,8 @@ struct Request {
   Principal principal;                  ///< who asks
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
   std::string route;                    ///< the pattern; "" when there is none for the path
+  /// Time that the request spent asleep because its client asked for it: no work of ours.
+  std::chrono::steady_clock::duration& asleep;
 };
 
 /// An event stream that takes the connection over once the head of the answer is out.

@@ -7,7 +7,9 @@
 #include <prometheus/text_serializer.h>
 #include <unistd.h>
 
+#include <filesystem>
 #include <fstream>
+#include <iterator>
 
 #include "baker/bake.h"
 #include "proto/json.h"
@@ -40,6 +42,12 @@ double resident_bytes() {
   return double(resident) * double(::sysconf(_SC_PAGESIZE));
 }
 
+double open_descriptors() {
+  std::error_code error;
+  const std::filesystem::directory_iterator all("/proc/self/fd", error), end;
+  return error ? 0 : double(std::distance(all, end));
+}
+
 }  // namespace
 
 struct Metrics::Impl {
@@ -64,6 +72,9 @@ struct Metrics::Impl {
   Gauge& disk_bytes = gauge(registry, "data_bytes", "Scenes and jobs on the disk").Add({});
   Gauge& disk_free =
       gauge(registry, "disk_free_share", "Of the data folder's disk, 0 to 1").Add({});
+  Gauge& connections =
+      gauge(registry, "http_connections", "Open connections to the API, streams too").Add({});
+  Gauge& descriptors = gauge(registry, "process_open_fds", "Open descriptors").Add({});
   Gauge& memory = gauge(registry, "process_resident_memory_bytes", "Memory in use").Add({});
 
   Impl() {
@@ -107,6 +118,8 @@ std::string Metrics::text(const Now& now) {
   impl_->dropped.Set(double(now.dropped_streams));
   impl_->disk_bytes.Set(double(now.disk_bytes));
   impl_->disk_free.Set(now.disk_free_share);
+  impl_->connections.Set(double(now.connections));
+  impl_->descriptors.Set(open_descriptors());
   impl_->memory.Set(resident_bytes());
   return prometheus::TextSerializer().Serialize(impl_->registry.Collect());
 }

@@ -31,6 +31,7 @@ class Metrics {
     std::size_t queued = 0, running = 0, streams = 0;
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
+    std::size_t connections = 0;
   };
   std::string text(const Now&);
 

@@ -26,7 +26,8 @@ struct Live {
 /// A blocking TCP client: says exactly the bytes it is told.
 class Wire {
  public:
-  explicit Wire(std::uint16_t port);
+  /// `from`: the address that the connection comes from.
+  explicit Wire(std::uint16_t port, const char* from = "127.0.0.1");
   ~Wire();
   Wire(Wire&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
   Wire& operator=(Wire&&) = delete;

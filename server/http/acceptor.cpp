@@ -1,0 +1,147 @@
+#include "server/http/acceptor.h"
+
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <system_error>
+
+#include "server/log.h"
+
+namespace kiln::server {
+namespace {
+
+constexpr int kBacklog = 1024;
+
+void set(int fd, int level, int option, int value) {
+  ::setsockopt(fd, level, option, &value, sizeof value);
+}
+
+// Not SO_REUSEPORT: two services would share a port, and its traffic, without an error.
+proto::Fd listen_on(const addrinfo& at) {
+  proto::Fd fd(::socket(at.ai_family, at.ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  if (!fd.valid()) return {};
+  set(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
+  if (at.ai_family == AF_INET6) set(fd.get(), IPPROTO_IPV6, IPV6_V6ONLY, 0);
+  if (::bind(fd.get(), at.ai_addr, at.ai_addrlen) != 0 || ::listen(fd.get(), kBacklog) != 0)
+    return {};
+  return fd;
+}
+
+std::uint16_t port_of(int fd) {
+  sockaddr_storage address{};
+  socklen_t size = sizeof address;
+  if (::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) return 0;
+  return ntohs(address.ss_family == AF_INET6
+                   ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
+                   : reinterpret_cast<const sockaddr_in&>(address).sin_port);
+}
+
+// What accept() says when the machine is short of something, which passes.
+bool is_shortage(int error) {
+  return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM;
+}
+
+bool is_lasting(int error) {
+  return error == EBADF || error == EINVAL || error == ENOTSOCK || error == EOPNOTSUPP;
+}
+
+}  // namespace
+
+Acceptor::Acceptor(std::string name, std::string address, Take take)
+    : name_(std::move(name)),
+      address_(std::move(address)),
+      take_(std::move(take)),
+      wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+  if (!wake_.valid()) throw std::system_error(errno, std::system_category(), "eventfd");
+}
+
+proto::Expected<std::unique_ptr<Acceptor>> Acceptor::start(std::string name, std::string address,
+                                                           std::uint16_t port, Take take) {
+  std::unique_ptr<Acceptor> made(
+      new Acceptor(std::move(name), std::move(address), std::move(take)));
+  if (!made->bind(port))
+    return proto::fail("cannot_listen", "Could not listen on " + made->address_ + ":" +
+                                            std::to_string(port) +
+                                            ": the address is in use or not ours.");
+  made->thread_ = std::thread([self = made.get()] { self->loop(); });
+  return made;
+}
+
+Acceptor::~Acceptor() {
+  stop();
+}
+
+void Acceptor::stop() {
+  stopping_ = true;
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const ssize_t full_is_fine = ::write(wake_.get(), &one, sizeof one);
+  if (!thread_.joinable()) return;
+  thread_.join();
+  listener_.reset();
+}
+
+bool Acceptor::bind(std::uint16_t port) {
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_flags = AI_PASSIVE;
+  addrinfo* found = nullptr;
+  if (::getaddrinfo(address_.c_str(), std::to_string(port).c_str(), &hints, &found) != 0)
+    return false;
+  const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owner(found, &::freeaddrinfo);
+  listener_.reset();
+  for (const addrinfo* at = found; at != nullptr && !listener_.valid(); at = at->ai_next)
+    listener_ = listen_on(*at);
+  if (!listener_.valid()) return false;
+  port_ = port_of(listener_.get());
+  return true;
+}
+
+void Acceptor::pause(int milliseconds) const {
+  pollfd p{wake_.get(), POLLIN, 0};
+  ::poll(&p, 1, milliseconds);
+}
+
+void Acceptor::loop() {
+  constexpr int kRebindMs = 200;
+  while (!stopping_) {
+    std::array<pollfd, 2> fds{{{listener_.get(), POLLIN, 0}, {wake_.get(), POLLIN, 0}}};
+    ::poll(fds.data(), fds.size(), -1);
+    if (stopping_) return;
+    if (fds[0].revents == 0 || accept_one()) continue;
+    // The socket is gone: a service that can't be reached any more helps nobody.
+    while (!stopping_ && !bind(port_)) pause(kRebindMs);
+    if (stopping_) return;
+    log_line(LogLevel::kWarn, "http.rebound", {{"server", name_}, {"port", port_}});
+  }
+}
+
+bool Acceptor::accept_one() {
+  constexpr int kShortageMs = 100;
+  proto::Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+  if (fd.valid()) {
+    set(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
+    take_(std::move(fd));
+    return true;
+  }
+  const int error = errno;
+  if (is_lasting(error)) {
+    log_line(LogLevel::kError, "http.listen",
+             {{"server", name_}, {"what", std::strerror(error)}, {"then", "binding again"}});
+    return false;
+  }
+  if (!is_shortage(error)) return true;  // an error of that connection
+  log_line(LogLevel::kWarn, "http.accept", {{"server", name_}, {"what", std::strerror(error)}});
+  pause(kShortageMs);
+  return true;
+}
+
+}  // namespace kiln::server
