@@ -1,7 +1,5 @@
 #include "baker/bake.h"
 
-#include <sys/resource.h>
-
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -9,6 +7,7 @@
 #include <utility>
 
 #include "baker/atlas/atlas.h"
+#include "baker/memory_estimate.h"
 #include "baker/output/output.h"
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/simd/kernels.h"
@@ -28,12 +27,6 @@ constexpr double kImportedAt = 0.05, kSolvingFrom = 0.15, kSolvedAt = 0.92;
 constexpr auto kProgressInterval = std::chrono::milliseconds(50);
 /// Below this share of rays without a back face behind them a texel counts as inside something.
 constexpr float kValidShare = 0.5f;
-
-std::uint64_t peak_memory_bytes() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return std::uint64_t(usage.ru_maxrss) * 1024;
-}
 
 /// Reports to the observer: stages with their times, and progress at a bounded rate.
 class Course {
@@ -110,6 +103,7 @@ void count_texels(const Atlas& atlas, const TextureGroup& texels, proto::Statist
 void count_light(const Solution& solution, proto::Statistics& s) {
   s.passes = solution.passes;
   s.tail_scale = solution.tail_scale;
+  s.ray_pattern = solution.ray_pattern;
   for (const auto& p : solution.passes) {
     s.rays += p.rays;
     if (p.standard_error) s.standard_error = p.standard_error;
@@ -266,6 +260,10 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   for (const auto& w : scene->warnings) observer.on_warning(w);
   const LightSet lights(*scene);
   count_scene(*scene, manifest.statistics);
+  const std::uint64_t memory = estimate_memory(*scene, input.settings);
+  manifest.statistics.memory_estimate_bytes = memory;
+  if (input.reserve_memory)
+    if (auto ok = input.reserve_memory(memory, stop); !ok) return Unexpected(ok.error());
 
   course.enter("atlas", kImportedAt);
   const auto atlas = build_atlas(*scene, input.settings.atlas, stop);
@@ -285,7 +283,6 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   warn_of_texels(manifest.statistics, double(plan.target_error), manifest.warnings);
 
   course.enter("output", kSolvedAt);
-  manifest.statistics.peak_memory_bytes = peak_memory_bytes();
   const OutputInput output{input.files, *scene,           *atlas,
                            *texels,     *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)

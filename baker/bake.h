@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <stop_token>
 #include <string>
@@ -50,6 +52,9 @@ struct BakeInput {
   std::string scene_sha256;  ///< of the main file, for the manifest
   std::string scene_key;     ///< names the content of all files
   std::stop_token enough;    ///< ends the passes early, to write the light of those that are done
+  /// Asked once, when the scene is known and before anything is made of it, for the memory that the
+  /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
+  std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the

@@ -55,6 +55,9 @@ inline float target_error(const QualitySettings& q) {
 
 enum class Method { kGather, kPath };
 
+/// Which rays are traced together, sixteen at a time (gather).
+enum class RayPattern { kAuto, kTile, kBlock, kStrata, kIncoherent };
+
 struct SolverSettings {
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
@@ -64,8 +67,9 @@ struct SolverSettings {
   std::optional<std::uint32_t> direct_samples;
   std::uint32_t hit_memory_mib = 1024;  ///< for remembered hits (gather)
   bool coarse_indirect = true;          ///< gather every second texel, interpolate between (gather)
-  float tolerance = 0.001f;             ///< stop when a bounce changes E by less than this share
-  std::uint64_t seed = 1;               ///< below 2^53, so that JSON keeps it
+  RayPattern ray_pattern = RayPattern::kAuto;
+  float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
+  std::uint64_t seed = 1;    ///< below 2^53, so that JSON keeps it
 };
 
 struct SkySettings {

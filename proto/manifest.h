@@ -61,8 +61,10 @@ struct Statistics {
   std::uint64_t invalid_texels = 0;        ///< most of their rays met back faces
   double texels_per_metre = 0;
   std::optional<double> standard_error;  ///< see PassReport
-  double tail_scale = 1;  ///< factor on the last bounce's update for the bounces not computed
-  std::uint64_t peak_memory_bytes = 0;
+  std::string ray_pattern;  ///< solver.ray_pattern as it was chosen; empty: no rays were gathered
+  double tail_scale = 1;    ///< factor on the last bounce's update for the bounces not computed
+  std::uint64_t memory_estimate_bytes = 0;  ///< stated before the atlas was made
+  std::uint64_t peak_memory_bytes = 0;      ///< of the process; at the end
   std::vector<StageReport> stages;
   std::vector<PassReport> passes;
 };

@@ -62,6 +62,8 @@ json statistics_json(const Statistics& s) {
           {"texels_per_metre", s.texels_per_metre},
           {"tail_scale", s.tail_scale},
           {"standard_error", or_null(s.standard_error)},
+          {"ray_pattern", s.ray_pattern},
+          {"memory_estimate_bytes", s.memory_estimate_bytes},
           {"peak_memory_bytes", s.peak_memory_bytes},
           {"stages", list(s.stages, stage_json)},
           {"passes", list(s.passes, [](const PassReport& p) { return to_json(p); })}};
@@ -89,7 +91,9 @@ void read_statistics(JsonReader in, Statistics& out) {
   in.read("invalid_texels", out.invalid_texels);
   in.read("texels_per_metre", out.texels_per_metre);
   in.read("tail_scale", out.tail_scale);
+  in.read("ray_pattern", out.ray_pattern);
   in.read("standard_error", out.standard_error);
+  in.read("memory_estimate_bytes", out.memory_estimate_bytes);
   in.read("peak_memory_bytes", out.peak_memory_bytes);
   in.read_list("stages", out.stages, [](JsonReader& item, StageReport& s) {
     item.read("name", s.name);

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "baker/exec/memory.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
 #include "proto/files.h"
@@ -270,6 +271,7 @@ class Writer {
   /// it.
   proto::Expected<void> write_manifest() {
     if (auto ok = canceled(); !ok) return ok;
+    manifest_.statistics.peak_memory_bytes = peak_memory_bytes();
     const std::string text = proto::to_json(manifest_).dump(1) + "\n";
     if (auto ok = proto::write_bytes(dir_ / "manifest.json", text); !ok) return ok;
     return add_file("manifest.json", "application/json");

@@ -41,8 +41,8 @@ void deal_halves(std::vector<std::uint32_t>& order) {
 
 }  // namespace
 
-DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n)
-    : first(from), count(n), coherent(n >= kCoherentSamples && is_net(from, n)) {
+DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted)
+    : first(from), count(n), coherent(sorted && n >= kCoherentSamples && is_net(from, n)) {
   std::vector<std::uint32_t> order(n);
   std::iota(order.begin(), order.end(), first);
   if (coherent)

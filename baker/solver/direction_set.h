@@ -15,9 +15,10 @@ struct DirectionSet {
   std::vector<std::uint32_t> x, y;  ///< Sobol points, fractions of 2^32, padded to whole packets
   std::uint32_t first = 0;          ///< its place in the sequence
   std::uint32_t count = 0;
-  bool coherent = false;  ///< a packet is a narrow cone
+  bool coherent = false;  ///< each run of sixteen is a narrow cone
 
-  DirectionSet(std::uint32_t first, std::uint32_t count);
+  /// @param sorted puts directions near to each other into one packet, where they are many enough
+  DirectionSet(std::uint32_t first, std::uint32_t count, bool sorted);
   std::uint32_t size() const { return count; }
 
   /// Each half of a net's packets makes half of the net. Which half a direction belongs to:

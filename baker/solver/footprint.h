@@ -19,8 +19,8 @@ struct Footprint {
   PointFrames frames() const;
 };
 
-/// Key of all random numbers of one texel, for one purpose.
-enum class Purpose : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3 };
+/// Key of all random numbers of one texel (or tile, for kGatherTile), for one purpose.
+enum class Purpose : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
 std::uint32_t texel_seed(const SolverInput&, std::uint32_t texel, Purpose);
 
 }  // namespace kiln::baker

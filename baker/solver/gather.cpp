@@ -1,5 +1,6 @@
 #include "baker/solver/gather.h"
 
+#include <array>
 #include <bit>
 #include <cstdlib>
 #include <map>
@@ -47,9 +48,10 @@ class GatherSolver final : public Solver {
         plan_(in.plan),
         direct_(in_),
         sites_(in.texels),
-        hemisphere_(in_),
+        packets_(in_, feedback_samples(in, hit_budget)),
+        hemisphere_(in_, packets_),
         feedback_(in_),
-        set_(0, feedback_samples(in, hit_budget)),
+        set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
         rounds_(in_, set_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
     if (needs_rays_) hits_ = LazyWords(std::size_t(in.texels.size()) * set_.size());
@@ -79,8 +81,10 @@ class GatherSolver final : public Solver {
   std::optional<FilteredLight> filtered(const Lightmap& light, const Workers& workers) override {
     return rounds_.filtered(light, workers);
   }
+  std::string ray_pattern() const override { return needs_rays_ ? packets_.name() : ""; }
 
  private:
+  static_assert(Hemisphere::kTileTexels == SampleRounds::kTileTexels);
   static constexpr const char* kDirect = "direct";
   static constexpr const char* kTrace = "trace";
   static constexpr const char* kRefine = "refine";
@@ -131,12 +135,6 @@ class GatherSolver final : public Solver {
     return gathers_.empty() ? hits_of(texel).front() != kHitNone : gathers_[texel];
   }
 
-  void trace_texel(std::uint32_t t, Lightmap& after) {
-    const std::span<std::uint32_t> hits = hits_of(t);
-    after.validity[t] = hemisphere_.follow_and_probe(t, set_, hits);
-    put(sky_light(set_, hits), after.sky[t], after.sky_spread[t]);
-    after.samples[t] = set_.size();
-  }
   void look_up_texel(std::uint32_t t, Lightmap& after) {
     put(feedback_.look_up(set_, hits_of(t)), after.indirect[t], after.indirect_spread[t]);
   }
@@ -146,6 +144,16 @@ class GatherSolver final : public Solver {
   bool begin_round(const Lightmap& before, const Workers&);
   void forget_hits();
 
+  /// Sums what `use` gives for the tiles of a range.
+  template <class Use>
+  static std::uint64_t for_tiles(TexelRange range, const Use& use) {
+    std::uint64_t sum = 0;
+    for (std::uint32_t t = range.begin; t < range.end; t += Hemisphere::kTileTexels)
+      sum += use(TexelRange{t, std::min(t + Hemisphere::kTileTexels, range.end)});
+    return sum;
+  }
+  template <class Wanted>
+  std::uint64_t trace_some(TexelRange tile, Lightmap& after, const Wanted&);
   std::uint64_t trace(TexelRange range, Lightmap& after);
   std::uint64_t refine(TexelRange range, const Lightmap& before, Lightmap& after);
   void bounce(TexelRange range, Lightmap& after);
@@ -158,6 +166,7 @@ class GatherSolver final : public Solver {
   const SamplePlan plan_;
   DirectLight direct_;
   const CoarseSites sites_;
+  const PacketPlan packets_;
   const Hemisphere hemisphere_;
   Feedback feedback_;
   const DirectionSet set_;  ///< of the rays whose hits are remembered
@@ -252,7 +261,8 @@ bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
   if (!rounds_.begin(before, workers)) return false;
   more_.clear();
   for (const std::uint32_t first : rounds_.first_directions())
-    more_.emplace(first, DirectionSet(first, rounds_.more_directions(first)));
+    more_.emplace(first,
+                  DirectionSet(first, rounds_.more_directions(first), packets_.sorts_directions()));
   return true;
 }
 
@@ -296,30 +306,45 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
 }
 
 std::uint64_t GatherSolver::trace(TexelRange range, Lightmap& after) {
-  std::uint64_t traced = 0;
-  for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    if (plan_.coarse && sites_.around(t).count > 0) {
-      hits_of(t).front() = kHitNone;
-      continue;
-    }
-    trace_texel(t, after);
+  return for_tiles(range, [&](TexelRange tile) {
+    const std::uint64_t rays = trace_some(tile, after, [&](std::uint32_t t) {
+      const bool traced = !plan_.coarse || sites_.around(t).count == 0;
+      if (!traced) hits_of(t).front() = kHitNone;
+      return traced;
+    });
     // The first bounce of direct light, for refine() to compare the sites by.
-    if (plan_.coarse && in_.settings.bounces > 0) look_up_texel(t, after);
-    ++traced;
+    if (plan_.coarse && in_.settings.bounces > 0)
+      for (std::uint32_t t = tile.begin; t < tile.end; ++t)
+        if (gathers(t)) look_up_texel(t, after);
+    return rays;
+  });
+}
+
+/// Traces the texels of a tile that `wanted` picks, and remembers their hits.
+template <class Wanted>
+std::uint64_t GatherSolver::trace_some(TexelRange tile, Lightmap& after, const Wanted& wanted) {
+  std::array<Hemisphere::Gathering, Hemisphere::kTileTexels> all;
+  std::uint32_t count = 0;
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t)
+    if (wanted(t)) all[count++] = {t, hits_of(t)};
+  const std::span texels(all.data(), count);
+  hemisphere_.follow_and_probe(texels, set_);
+  for (const Hemisphere::Gathering& g : texels) {
+    after.validity[g.texel] = g.visible;
+    put(sky_light(set_, g.hits), after.sky[g.texel], after.sky_spread[g.texel]);
+    after.samples[g.texel] = set_.size();
   }
-  return traced * set_.size();
+  return std::uint64_t(count) * set_.size();
 }
 
 /// Traces the texels whose sites do not agree.
 std::uint64_t GatherSolver::refine(TexelRange range, const Lightmap& before, Lightmap& after) {
-  std::uint64_t traced = 0;
-  for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    const CoarseSites::Sites sites = sites_.around(t);
-    if (sites.count == 0 || sites_.agree(sites, before)) continue;
-    trace_texel(t, after);
-    ++traced;
-  }
-  return traced * set_.size();
+  return for_tiles(range, [&](TexelRange tile) {
+    return trace_some(tile, after, [&](std::uint32_t t) {
+      const CoarseSites::Sites sites = sites_.around(t);
+      return sites.count > 0 && !sites_.agree(sites, before);
+    });
+  });
 }
 
 void GatherSolver::bounce(TexelRange range, Lightmap& after) {
@@ -330,17 +355,16 @@ void GatherSolver::bounce(TexelRange range, Lightmap& after) {
 }
 
 std::uint64_t GatherSolver::add_samples(TexelRange range, Lightmap& light) {
-  std::uint64_t traced = 0;
-  for (std::uint32_t t = range.begin; t < range.end; t += SampleRounds::kTileTexels) {
-    const TexelRange tile{t, std::min(t + SampleRounds::kTileTexels, range.end)};
+  return for_tiles(range, [&](TexelRange tile) {
+    std::uint64_t traced = 0;
     const SampleRounds::Doublings times = rounds_.of(tile);
     for (std::uint32_t i = 0; i < times.shadow_rays; ++i) traced += add_shadow_rays(tile, light);
     for (std::uint32_t i = 0; i < times.directions; ++i) {
-      const auto set = more_.find(light.samples[t]);
+      const auto set = more_.find(light.samples[tile.begin]);
       if (set != more_.end()) traced += add_directions(tile, set->second, light);
     }
-  }
-  return traced;
+    return traced;
+  });
 }
 
 std::uint64_t GatherSolver::add_shadow_rays(TexelRange tile, Lightmap& light) {
@@ -355,23 +379,28 @@ std::uint64_t GatherSolver::add_shadow_rays(TexelRange tile, Lightmap& light) {
 
 std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& set,
                                            Lightmap& light) {
-  std::vector<std::uint32_t> hits(set.size());
   const std::uint32_t had = set.first, more = set.size();
-  std::uint64_t traced = 0;
+  std::array<Hemisphere::Gathering, Hemisphere::kTileTexels> all;
+  std::uint32_t count = 0;
+  std::vector<std::uint32_t> hits(std::size_t(tile.size()) * more);
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    light.samples[t] = had + more;
+    if (gathers(t)) all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
+    count += gathers(t);
+  }
+  const std::span texels(all.data(), count);
+  hemisphere_.follow(texels, set);
   const auto join = [&](const Estimate& e, Rgb& mean, float& spread) {
     mean = joined(mean, had, e.mean, more);
     spread = joined(spread, had, e.spread, more);
   };
-  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
-    light.samples[t] = had + more;
-    if (!gathers(t)) continue;
-    hemisphere_.follow(t, set, hits);
-    join(sky_light(set, hits), light.sky[t], light.sky_spread[t]);
-    traced += set.size();
+  for (const Hemisphere::Gathering& g : texels) {
+    const std::uint32_t t = g.texel;
+    join(sky_light(set, g.hits), light.sky[t], light.sky_spread[t]);
     if (in_.settings.bounces > 0)
-      join(feedback_.look_up(set, hits), light.indirect[t], light.indirect_spread[t]);
+      join(feedback_.look_up(set, g.hits), light.indirect[t], light.indirect_spread[t]);
   }
-  return traced;
+  return std::uint64_t(count) * more;
 }
 
 /// Fills the texels between the sites.

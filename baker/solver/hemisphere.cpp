@@ -12,6 +12,7 @@
 namespace kiln::baker {
 namespace {
 
+constexpr std::uint32_t kPoints = Footprint::kPoints;
 /// Rays that a point needs before it can be called hidden.
 constexpr std::uint32_t kProbeRays = 4;
 
@@ -21,83 +22,218 @@ void set_plane(const float (&from)[3][16], float (&x)[16], float (&y)[16], float
   std::memcpy(z, from[2], sizeof z);
 }
 
+/// The random numbers of one texel. Sample s is in packet s / 16 of the texel, whoever traces it.
+struct TexelSamples {
+  std::uint32_t seed_x = 0, seed_y = 0;
+
+  TexelSamples() = default;
+  explicit TexelSamples(std::uint32_t seed) : seed_x(seed), seed_y(hash(seed)) {}
+
+  void begin_packet(std::uint32_t packet) {
+    const std::uint32_t key = hash(seed_x, packet);
+    turn_ = (key >> 4) % 16, jitter_ = to_unit(hash(key, 1));
+  }
+  /// For the choice of a tap at the hit of point `p`: stratified over the packet, whose rays meet
+  /// neighbouring texels where it is coherent.
+  float pick(std::uint32_t p) const { return (float(p ^ turn_) + jitter_) * (1.f / 16); }
+
+ private:
+  std::uint32_t turn_ = 0;
+  float jitter_ = 0;
+};
+
 }  // namespace
 
 /// What the rays from each point of a footprint met.
 struct Hemisphere::Census {
-  std::uint32_t rays[Footprint::kPoints] = {}, behind[Footprint::kPoints] = {};
+  std::uint32_t rays[kPoints] = {}, behind[kPoints] = {};
 
-  bool met_backs() const {
-    return std::any_of(behind, behind + Footprint::kPoints, std::identity());
-  }
+  bool met_backs() const { return std::any_of(behind, behind + kPoints, std::identity()); }
   float visible_share() const {
     std::uint32_t hidden = 0;
-    for (std::uint32_t i = 0; i < Footprint::kPoints; ++i)
-      hidden += rays[i] > 0 && behind[i] == rays[i];
-    return 1 - float(hidden) / Footprint::kPoints;
+    for (std::uint32_t i = 0; i < kPoints; ++i) hidden += rays[i] > 0 && behind[i] == rays[i];
+    return 1 - float(hidden) / kPoints;
   }
 };
 
-Hemisphere::Hemisphere(const SolverInput& in)
-    : in_(in), kernels_(kernels()), probe_(0, kProbeRays * Footprint::kPoints) {}
+/// Follows directions of the texels of one tile.
+class Hemisphere::Tracer {
+ public:
+  Tracer(const Hemisphere& all, const DirectionSet& set, std::uint32_t tile)
+      : in_(all.in_),
+        kernels_(all.kernels_),
+        plan_(all.plan_),
+        set_(set),
+        grid_(all.in_.lookup.grid()),
+        tile_seed_(texel_seed(all.in_, tile, Purpose::kGatherTile)) {
+    points_.shared_x = plan_.shared_x(), points_.shared_y = plan_.shared_y();
+    points_.shared_seed_x = hash(tile_seed_, 1), points_.shared_seed_y = hash(tile_seed_, 2);
+    std::fill_n(rays_.t_far, 16, std::numeric_limits<float>::infinity());
+  }
 
-void Hemisphere::follow(std::uint32_t texel, const DirectionSet& set,
-                        std::span<std::uint32_t> hits) const {
-  trace(texel, set, hits);
-}
-
-float Hemisphere::follow_and_probe(std::uint32_t texel, const DirectionSet& set,
-                                   std::span<std::uint32_t> hits) const {
-  const Census census = trace(texel, set, hits);
-  if (!census.met_backs()) return 1;
-  if (set.size() >= probe_.size()) return census.visible_share();
-  std::array<std::uint32_t, kProbeRays * Footprint::kPoints> ignored;
-  return trace(texel, probe_, ignored).visible_share();
-}
-
-Hemisphere::Census Hemisphere::trace(std::uint32_t texel, const DirectionSet& set,
-                                     std::span<std::uint32_t> hits) const {
-  const PointFrames frames = Footprint(in_, texel).frames();
-  const TexelGrid grid = in_.lookup.grid();
-  const std::uint32_t seed = texel_seed(in_, texel, Purpose::kGather), seed_y = hash(seed);
-  Census census;
-  RayPacket rays;
-  HitPacket met;
-  Directions to;
-  alignas(64) std::uint32_t found[16];
-  alignas(64) float pick[16];
-  set_plane(frames.origin, rays.org_x, rays.org_y, rays.org_z);
-  std::fill_n(rays.t_far, 16, std::numeric_limits<float>::infinity());
-  for (std::uint32_t first = 0; first < set.size(); first += 16) {
-    // Lane i is point i of the footprint, with direction i ^ flip of the packet: which point goes
-    // with which direction differs from packet to packet.
-    const std::uint32_t key = hash(seed, set.first + first), flip = key % 16;
-    kernels_.directions(&set.x[first], &set.y[first], flip, seed, seed_y, frames, to);
-    set_plane(to.direction, rays.dir_x, rays.dir_y, rays.dir_z);
-    rays.active = 0;
-    for (std::uint32_t i = 0; i < 16; ++i)
-      rays.active |= std::uint32_t(to.above[i] > 0 && first + (i ^ flip) < set.size()) << i;
-    in_.rays.closest(rays, met, set.coherent);
-    // Stratified over the packet, whose rays meet neighbouring texels when it is coherent.
-    const float jitter = to_unit(hash(key, 1));
-    for (std::uint32_t i = 0; i < 16; ++i)
-      pick[i] = (float(i ^ (key >> 4) % 16) + jitter) * (1.f / 16);
-    kernels_.look_up(grid, met.triangle, met.u, met.v, met.back, pick, found);
-    for (std::uint32_t i = 0; i < 16; ++i) {
-      const std::uint32_t sample = first + (i ^ flip);
-      if (sample >= set.size()) continue;
-      const bool active = rays.active >> i & 1;
-      if (active && found[i] == kHitUnclear) {
-        const std::int32_t t =
-            in_.lookup.pick(met.triangle[i], {met.u[i], met.v[i]}, met.back[i] != 0, pick[i]);
-        found[i] = t != kNoTexel ? static_cast<std::uint32_t>(t) : kHitNothing;
+  /// One texel; lane = point of its footprint.
+  Census trace_texel(std::uint32_t texel, std::span<std::uint32_t> hits) {
+    const PointFrames frames = Footprint(in_, texel).frames();
+    TexelSamples own(texel_seed(in_, texel, Purpose::kGather));
+    std::fill_n(points_.seed_x, 16, own.seed_x);
+    std::fill_n(points_.seed_y, 16, own.seed_y);
+    Census census;
+    for (std::uint32_t first = 0; first < set_.size(); first += 16) {
+      const std::uint32_t flip = flip_of(first);
+      std::uint32_t lanes = 0;
+      own.begin_packet(packet_of(first));
+      for (std::uint32_t i = 0; i < 16; ++i) {
+        points_.x[i] = set_.x[first + (i ^ flip)], points_.y[i] = set_.y[first + (i ^ flip)];
+        pick_[i] = own.pick(i);
+        lanes |= std::uint32_t(first + (i ^ flip) < set_.size()) << i;
       }
-      hits[sample] = active ? found[i] : kHitNothing;
-      census.rays[i] += active;
-      census.behind[i] += active && found[i] == kHitNothing && met.back[i];
+      trace(frames, lanes, set_.coherent);
+      for (std::uint32_t i = 0; i < 16; ++i)
+        if (lanes >> i & 1) take(i, i, hits[first + (i ^ flip)], census);
+    }
+    return census;
+  }
+
+  /// Up to sixteen texels with one direction each, or four with four: lane = texel * strata +
+  /// stratum.
+  void trace_together(std::span<Gathering> group, std::span<Census> census) {
+    const std::uint32_t texels = plan_.texels(), strata = 16 / texels;
+    const auto last = std::uint32_t(group.size() - 1);
+    std::array<TexelSamples, 16> own;
+    std::uint32_t used = 0;
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      const std::uint32_t t = std::min(i / strata, last);
+      if (i % strata == 0) own[t] = TexelSamples(texel_seed(in_, group[t].texel, Purpose::kGather));
+      points_.seed_x[i] = own[t].seed_x, points_.seed_y[i] = own[t].seed_y;
+      used |= std::uint32_t(i / strata <= last) << i;
+    }
+    transpose(group, strata);
+    for (std::uint32_t first = 0; first < set_.size(); first += 16) {
+      const std::uint32_t flip = flip_of(first);
+      for (std::uint32_t t = 0; t <= last; ++t) own[t].begin_packet(packet_of(first));
+      for (std::uint32_t run = 0; run < texels; ++run) {
+        std::uint32_t lanes = 0, sample[16];
+        for (std::uint32_t i = 0; i < 16; ++i) {
+          const std::uint32_t point = run * strata + i % strata;
+          sample[i] = first + (point ^ flip);
+          points_.x[i] = set_.x[sample[i]], points_.y[i] = set_.y[sample[i]];
+          pick_[i] = own[std::min(i / strata, last)].pick(point);
+          lanes |= std::uint32_t(sample[i] < set_.size()) << i;
+        }
+        lanes &= used;
+        if (lanes == 0) continue;
+        trace(frames_[run], lanes, true);
+        for (std::uint32_t i = 0; i < 16; ++i)
+          if (lanes >> i & 1)
+            take(i, run * strata + i % strata, group[i / strata].hits[sample[i]],
+                 census[i / strata]);
+      }
     }
   }
-  return census;
+
+ private:
+  std::uint32_t packet_of(std::uint32_t first) const { return set_.first + first; }
+  /// Point p of a footprint sends direction p ^ flip of a packet: which point goes with which
+  /// direction differs from packet to packet.
+  std::uint32_t flip_of(std::uint32_t first) const {
+    return hash(tile_seed_, 3, packet_of(first)) % 16;
+  }
+
+  /// The frames of the points of a group, run by run of `strata` points, a texel's lanes together.
+  void transpose(std::span<const Gathering> group, std::uint32_t strata) {
+    for (std::uint32_t t = 0; t < 16 / strata; ++t) {
+      if (t < group.size()) of_texel_ = Footprint(in_, group[t].texel).frames();
+      const auto deal = [&](const float(&from)[3][16], float(PointFrames::*to)[3][16]) {
+        for (std::uint32_t p = 0; p < kPoints; ++p)
+          for (int k = 0; k < 3; ++k)
+            (frames_[p / strata].*to)[k][t * strata + p % strata] = from[k][p];
+      };
+      deal(of_texel_.origin, &PointFrames::origin);
+      deal(of_texel_.geometric_normal, &PointFrames::geometric_normal);
+      deal(of_texel_.tangent_x, &PointFrames::tangent_x);
+      deal(of_texel_.tangent_y, &PointFrames::tangent_y);
+      deal(of_texel_.shading_normal, &PointFrames::shading_normal);
+    }
+  }
+
+  void trace(const PointFrames& frames, std::uint32_t lanes, bool coherent) {
+    kernels_.directions(points_, frames, to_);
+    set_plane(frames.origin, rays_.org_x, rays_.org_y, rays_.org_z);
+    set_plane(to_.direction, rays_.dir_x, rays_.dir_y, rays_.dir_z);
+    rays_.active = 0;
+    for (std::uint32_t i = 0; i < 16; ++i) rays_.active |= std::uint32_t(to_.above[i] > 0) << i;
+    rays_.active &= lanes;
+    in_.rays.closest(rays_, met_, coherent);
+    kernels_.look_up(grid_, met_.triangle, met_.u, met_.v, met_.back, pick_, found_);
+  }
+
+  /// What lane i brought.
+  void take(std::uint32_t i, std::uint32_t point, std::uint32_t& hit, Census& census) {
+    hit = kHitNothing;
+    if (!(rays_.active >> i & 1)) return;
+    if (found_[i] == kHitUnclear) {
+      const std::int32_t t =
+          in_.lookup.pick(met_.triangle[i], {met_.u[i], met_.v[i]}, met_.back[i] != 0, pick_[i]);
+      found_[i] = t != kNoTexel ? static_cast<std::uint32_t>(t) : kHitNothing;
+    }
+    hit = found_[i];
+    ++census.rays[point];
+    census.behind[point] += hit == kHitNothing && met_.back[i];
+  }
+
+  const SolverInput& in_;
+  const Kernels& kernels_;
+  const PacketPlan& plan_;
+  const DirectionSet& set_;
+  const TexelGrid grid_;
+  const std::uint32_t tile_seed_;
+  ScrambledPoints points_;
+  PointFrames of_texel_{};
+  std::array<PointFrames, 16> frames_;
+  RayPacket rays_;
+  HitPacket met_;
+  Directions to_;
+  alignas(64) std::uint32_t found_[16];
+  alignas(64) float pick_[16];
+};
+
+Hemisphere::Hemisphere(const SolverInput& in, const PacketPlan& plan)
+    : in_(in), plan_(plan), kernels_(kernels()), probe_(0, kProbeRays * kPoints, false) {}
+
+void Hemisphere::follow(std::span<Gathering> texels, const DirectionSet& set) const {
+  std::array<Census, kTileTexels> ignored;
+  trace(texels, set, ignored);
+}
+
+void Hemisphere::follow_and_probe(std::span<Gathering> texels, const DirectionSet& set) const {
+  std::array<Census, kTileTexels> census;
+  trace(texels, set, census);
+  for (std::size_t i = 0; i < texels.size(); ++i) {
+    texels[i].visible = 1;
+    if (!census[i].met_backs()) continue;
+    if (set.size() < probe_.size()) {
+      std::array<std::uint32_t, kProbeRays * kPoints> hits;
+      census[i] =
+          Tracer(*this, probe_, texels[i].texel / kTileTexels).trace_texel(texels[i].texel, hits);
+    }
+    texels[i].visible = census[i].visible_share();
+  }
+}
+
+void Hemisphere::trace(std::span<Gathering> texels, const DirectionSet& set,
+                       std::span<Census> census) const {
+  if (texels.empty()) return;
+  Tracer tracer(*this, set, texels.front().texel / kTileTexels);
+  const std::size_t together = plan_.texels();
+  std::size_t done = 0;
+  // Half-empty packets cost as much as full ones.
+  while (together > 1 && texels.size() - done >= together / 2) {
+    const std::size_t n = std::min(together, texels.size() - done);
+    tracer.trace_together(texels.subspan(done, n), census.subspan(done, n));
+    done += n;
+  }
+  for (; done < texels.size(); ++done)
+    census[done] = tracer.trace_texel(texels[done].texel, texels[done].hits);
 }
 
 }  // namespace kiln::baker

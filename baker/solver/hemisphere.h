@@ -4,30 +4,41 @@
 #include <span>
 
 #include "baker/solver/direction_set.h"
+#include "baker/solver/ray_pattern.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solver.h"
 
 namespace kiln::baker {
 
-/// Rays over the hemispheres of a texel's footprint, to the texels that hold the light of what they
+/// Rays over the hemispheres of texels' footprints, to the texels that hold the light of what they
 /// meet. Immutable; callable from many threads.
 class Hemisphere {
  public:
-  explicit Hemisphere(const SolverInput&);
+  Hemisphere(const SolverInput&, const PacketPlan&);
 
-  /// Follows the directions of one texel, dealt over the points of its footprint.
-  /// @param hits receives one entry per direction: a texel, kHitSky or kHitNothing
-  void follow(std::uint32_t texel, const DirectionSet&, std::span<std::uint32_t> hits) const;
-  /// The same, and tells the share of the footprint that is not hidden: all rays from a hidden
+  /// A texel that sends rays, and what it gets.
+  struct Gathering {
+    std::uint32_t texel = 0;
+    std::span<std::uint32_t> hits;  ///< per direction: a texel, kHitSky or kHitNothing
+    float visible = 1;              ///< see follow_and_probe()
+  };
+  /// Texels whose directions are followed together lie in one run of so many.
+  static constexpr std::uint32_t kTileTexels = 64;
+
+  /// Follows the directions of some texels of one tile, dealt over the points of their footprints.
+  /// What a texel gets does not depend on the others.
+  void follow(std::span<Gathering>, const DirectionSet&) const;
+  /// The same, and tells the share of each footprint that is not hidden: all rays from a hidden
   /// point meet the backs of surfaces. Sends more rays where few of them met backs.
-  float follow_and_probe(std::uint32_t texel, const DirectionSet&,
-                         std::span<std::uint32_t> hits) const;
+  void follow_and_probe(std::span<Gathering>, const DirectionSet&) const;
 
  private:
   struct Census;
-  Census trace(std::uint32_t texel, const DirectionSet&, std::span<std::uint32_t> hits) const;
+  class Tracer;
+  void trace(std::span<Gathering>, const DirectionSet&, std::span<Census>) const;
 
   const SolverInput& in_;
+  const PacketPlan& plan_;
   const Kernels& kernels_;
   const DirectionSet probe_;
 };

@@ -117,6 +117,7 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   if (!filtered) return proto::fail(proto::kCanceledCode, "The job was canceled.");
   solution.filtered = std::move(*filtered);
   solution.light = std::move(before);
+  solution.ray_pattern = solver.ray_pattern();
   return solution;
 }
 

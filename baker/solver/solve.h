@@ -28,7 +28,8 @@ struct Solution {
   std::shared_ptr<const Lightmap> light;  ///< as sampled
   FilteredLight filtered;                 ///< as shown
   std::vector<proto::PassReport> passes;
-  double tail_scale = 0;  ///< see Pass::tail_scale
+  double tail_scale = 0;    ///< see Pass::tail_scale
+  std::string ray_pattern;  ///< see Solver::ray_pattern
 
   Rgb irradiance(std::uint32_t texel) const {
     return filtered.direct[texel] + filtered.sky[texel] + filtered.indirect[texel];

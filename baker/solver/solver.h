@@ -74,6 +74,8 @@ class Solver {
   /// What passes with `fills_state` leave for later ones, beside the light. A checkpoint stores it
   /// after such a pass, and writes it back to a solver that has run none. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }
+  /// How gathered rays are put into packets, see PacketPlan; empty where none are.
+  virtual std::string ray_pattern() const { return {}; }
   /// The light as it is to be shown, with what is known of its error. Nothing when stopped.
   virtual std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) = 0;
 };

@@ -1,5 +1,6 @@
 #include "tests/bench/kernel_input.h"
 
+#include <algorithm>
 #include <numeric>
 
 #include "baker/solver/sampling.h"
@@ -41,7 +42,12 @@ KernelInput::KernelInput() : cells_(std::size_t(kPage) * kPage) {
 void KernelInput::directions(const baker::Kernels& k, std::uint32_t packet,
                              baker::Directions& out) const {
   const std::uint32_t first = packet % kPackets * 16, seed = hash(packet);
-  k.directions(&x[first], &y[first], seed % 16, seed, hash(seed), frames, out);
+  baker::ScrambledPoints points;
+  std::copy_n(&x[first], 16, points.x);
+  std::copy_n(&y[first], 16, points.y);
+  std::fill_n(points.seed_x, 16, seed);
+  std::fill_n(points.seed_y, 16, hash(seed));
+  k.directions(points, frames, out);
 }
 
 void KernelInput::sample_light(const baker::Kernels& k, std::uint32_t packet,

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -39,6 +40,35 @@ TEST_F(Program, HelpAndVersion) {
     EXPECT_EQ(run(std::string(command) + " --help").code, 0) << command;
   EXPECT_EQ(run("version").out, "lightkiln " LIGHTKILN_VERSION "\n");
   EXPECT_EQ(run("--version").out, "lightkiln " LIGHTKILN_VERSION "\n");
+}
+
+// What is stated is never exceeded; and where a bake takes more than a process does anyway, it is
+// not far off either.
+TEST_F(Program, BakesStateTheirMemoryBeforeTheyTakeIt) {
+  struct Case {
+    const char *scene, *settings;
+  };
+  for (const Case c :
+       {Case{"cornell", "--set atlas.page_size=64"}, Case{"cornell", "--set atlas.page_size=512"},
+        Case{"cornell", "--set atlas.page_size=512 --set solver.samples=256"},
+        Case{"courtyard", "--set atlas.page_size=512 --set quality.preset=draft"},
+        Case{"many_lights",
+             "--set atlas.page_size=512 --set solver.samples=16 "
+             "--set post.filter=false"},
+        Case{"room_textured",
+             "--set atlas.page_size=512 --set "
+             "solver.method=path --set solver.samples=16"}}) {
+    const std::string name = std::string(c.scene) + " " + c.settings;
+    ASSERT_EQ(run(std::string("scene ") + c.scene + " -o s.glb").code, 0);
+    const auto baked = run(std::string("bake s.glb -o out --json ") + c.settings);
+    ASSERT_EQ(baked.code, 0) << baked.err;
+    const auto statistics = nlohmann::json::parse(baked.out)["statistics"];
+    const double stated = statistics["memory_estimate_bytes"],
+                 used = statistics["peak_memory_bytes"];
+    EXPECT_GE(stated, used) << name;
+    constexpr double kAnyway = 64 << 20;
+    EXPECT_LE(stated, 1.5 * std::max(used, kAnyway)) << name;
+  }
 }
 
 TEST_F(Program, WrongUsageIsTwo) {

@@ -142,6 +142,8 @@ Manifest some_manifest() {
   m.statistics.passes.push_back({"bounce", 1, 0.5, 3.25, 1.5, 99, std::nullopt});
   m.statistics.passes.push_back({"round", 2, 0.5, 3.25, 1.5, 99, 0.25});
   m.statistics.standard_error = 0.25;
+  m.statistics.ray_pattern = "tile";
+  m.statistics.memory_estimate_bytes = 1u << 30;
   m.warnings.push_back({"alpha_ignored", "/materials/0", "opaque now"});
   return m;
 }

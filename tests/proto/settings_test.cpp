@@ -38,7 +38,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
               "gutter": 7},
     "quality": {"preset": "draft", "target_error": 0.125, "max_samples": 77},
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
-               "hit_memory_mib": 12, "coarse_indirect": false, "tolerance": 0.1, "seed": 9007199254740991},
+               "hit_memory_mib": 12, "coarse_indirect": false,
+                "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991},
     "sky": {"radiance": [0.1, 2, 3000.7]},
     "lights": [
       {"type": "directional", "color": [1, 0.5, 0.25], "intensity": 3.3, "direction": [0, -2, 1]},

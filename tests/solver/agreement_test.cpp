@@ -70,7 +70,12 @@ TEST(Agreement, GatherMeetsPathOnTheCornellBox) {
   proto::SolverSettings s;
   s.samples = 256;
   s.direct_samples = 64;
-  const double fixed = noise_free_nrmse(sampled(box->solve(s)), r1, r2);
+  // Texels of a tile share the cells of their directions: a few seeds for a figure that stays.
+  constexpr int kSeeds = 4;
+  double square = 0;
+  for (s.seed = 1; s.seed <= kSeeds; ++s.seed)
+    square += std::pow(noise_free_nrmse(sampled(box->solve(s)), r1, r2), 2) / kSeeds;
+  const double fixed = std::sqrt(square);
   EXPECT_LE(fixed, 0.01) << "unfiltered";
   RecordProperty("nrmse_percent",
                  std::to_string(100 * adaptive) + ", " + std::to_string(100 * fixed));
@@ -99,19 +104,22 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
   EXPECT_LE(noise_free_nrmse(sampled(gather), r1, r2), 0.01);
 }
 
-/// Standard deviation of the indirect light between two seeds, relative to its mean.
+/// Standard deviation of the indirect light between seeds, relative to its mean.
 double scatter(const QuadScene& scene, proto::SolverSettings s) {
-  s.seed = 21;
-  const Solution a = scene.solve(s);
-  s.seed = 22;
-  const Solution b = scene.solve(s);
+  constexpr int kPairs = 4;
   double square = 0, mean = 0;
-  for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
-    const double d = double(a.light->indirect[t].g) - b.light->indirect[t].g;
-    square += d * d / 2;
-    mean += a.light->indirect[t].g;
+  for (int pair = 0; pair < kPairs; ++pair) {
+    s.seed = 21 + 2 * std::uint64_t(pair);
+    const Solution a = scene.solve(s);
+    ++s.seed;
+    const Solution b = scene.solve(s);
+    for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
+      const double d = double(a.light->indirect[t].g) - b.light->indirect[t].g;
+      square += d * d / 2;
+      mean += a.light->indirect[t].g;
+    }
   }
-  const double n = scene.texels().size();
+  const double n = double(kPairs) * scene.texels().size();
   return std::sqrt(square / n) / (mean / n);
 }
 

@@ -41,35 +41,91 @@ struct SobolPacket {
   }
 };
 
+/// Each lane with seeds of its own.
+ScrambledPoints scrambled_points(std::uint32_t first, std::uint32_t seed, std::uint32_t shared) {
+  ScrambledPoints p;
+  const SobolPacket packet(first);
+  std::copy_n(packet.x, 16, p.x);
+  std::copy_n(packet.y, 16, p.y);
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    p.seed_x[i] = hash(seed, i);
+    p.seed_y[i] = hash(p.seed_x[i]);
+  }
+  p.shared_x = p.shared_y = shared;
+  p.shared_seed_x = hash(seed), p.shared_seed_y = hash(seed, 99);
+  return p;
+}
+
 // The kernel's polynomials against the library's functions, lane by lane.
 TEST(Kernels, DirectionsAreTheConcentricMap) {
   const Vec3 normal = normalize(Vec3{0.3f, -0.5f, 0.8f}), up{0, 0, 1};
   const PointFrames frames = frames_about(normal, up);
-  for (std::uint32_t first = 0; first < 4096; first += 16)
-    for (const std::uint32_t flip : {0u, 5u, 15u}) {
-      const SobolPacket packet(first);
-      const std::uint32_t seed = hash(first, flip), seed_y = hash(seed);
-      Directions d;
-      kernels().directions(packet.x, packet.y, flip, seed, seed_y, frames, d);
-      for (std::uint32_t i = 0; i < 16; ++i) {
-        const Vec3 expected = Frame(normal).to_world(
-            cosine_direction(scrambled({packet.x[i ^ flip], packet.y[i ^ flip]}, seed)));
-        for (int k = 0; k < 3; ++k) ASSERT_NEAR(d.direction[k][i], expected[k], 2e-6f);
-        ASSERT_NEAR(d.above[i], dot(expected, up), 2e-6f);
+  for (std::uint32_t first = 0; first < 4096; first += 16) {
+    const ScrambledPoints points = scrambled_points(first, hash(first), 0);
+    Directions d;
+    kernels().directions(points, frames, d);
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      const Vec3 expected = Frame(normal).to_world(
+          cosine_direction(scrambled({points.x[i], points.y[i]}, points.seed_x[i])));
+      for (int k = 0; k < 3; ++k) ASSERT_NEAR(d.direction[k][i], expected[k], 2e-6f);
+      ASSERT_NEAR(d.above[i], dot(expected, up), 2e-6f);
+    }
+  }
+}
+
+// With their upper bits scrambled alike, all lanes send a point into the same cell of the square,
+// and each lane's points are still one to an elementary interval, however that is cut.
+TEST(Kernels, SharedBitsKeepEveryLaneANet) {
+  constexpr std::uint32_t kBits = 3, kCount = 1u << 2 * kBits;
+  const PointFrames frames = frames_about({0, 0, 1}, {0, 0, 1});
+  std::vector<Vec2> of_lane[16];
+  for (std::uint32_t s = 0; s < kCount; ++s) {
+    ScrambledPoints points = scrambled_points(0, 77, ~0u << (32 - kBits));
+    std::fill_n(points.x, 16, sobol(s).x);
+    std::fill_n(points.y, 16, sobol(s).y);
+    Directions d;
+    kernels().directions(points, frames, d);
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      // Back to the square by the inverse of the concentric map.
+      float x = 0, y = 0;
+      for (int k = 0; k < 3; ++k) {
+        x += d.direction[k][i] * frames.tangent_x[k][i];
+        y += d.direction[k][i] * frames.tangent_y[k][i];
       }
+      const float r = std::hypot(x, y);
+      const bool wide = std::abs(x) > std::abs(y);
+      const float a = wide ? std::copysign(r, x) : r * std::atan2(x, std::abs(y)) * 4 / kPi;
+      const float b = wide ? r * std::atan2(y, std::abs(x)) * 4 / kPi : std::copysign(r, y);
+      of_lane[i].push_back({(a + 1) / 2, (b + 1) / 2});
+    }
+    for (std::uint32_t i = 1; i < 16; ++i) {
+      EXPECT_EQ(int(of_lane[i][s].x * 8), int(of_lane[0][s].x * 8)) << s;
+      EXPECT_EQ(int(of_lane[i][s].y * 8), int(of_lane[0][s].y * 8)) << s;
+    }
+    EXPECT_NE(of_lane[1][s].x, of_lane[0][s].x);
+  }
+  for (const auto& lane : of_lane)
+    for (std::uint32_t across = 0; across <= 2 * kBits; ++across) {
+      std::vector<int> met(kCount);
+      const float columns = float(1u << across), rows = float(kCount >> across);
+      for (const Vec2 p : lane)
+        ++met[std::size_t(p.x * columns) * std::size_t(rows) + std::size_t(p.y * rows)];
+      EXPECT_EQ(std::count(met.begin(), met.end(), 1), kCount) << across;
     }
 }
 
 TEST(Kernels, EveryInstructionSetGivesTheSameBits) {
   const PointFrames frames =
       frames_about(normalize(Vec3{-0.6f, 0.1f, 0.4f}), normalize(Vec3{-0.5f, 0.2f, 0.4f}));
-  const SobolPacket packet(112);
-  Directions reference;
-  kernels(InstructionSet::kSse2).directions(packet.x, packet.y, 9, 123, 456, frames, reference);
-  for (const InstructionSet set : available()) {
-    Directions d;
-    kernels(set).directions(packet.x, packet.y, 9, 123, 456, frames, d);
-    EXPECT_EQ(std::memcmp(&d, &reference, sizeof d), 0) << kernels(set).name;
+  for (const std::uint32_t shared : {0u, 0xe0000000u}) {
+    const ScrambledPoints points = scrambled_points(112, 123, shared);
+    Directions reference;
+    kernels(InstructionSet::kSse2).directions(points, frames, reference);
+    for (const InstructionSet set : available()) {
+      Directions d;
+      kernels(set).directions(points, frames, d);
+      EXPECT_EQ(std::memcmp(&d, &reference, sizeof d), 0) << kernels(set).name;
+    }
   }
 }
 

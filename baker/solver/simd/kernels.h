@@ -20,11 +20,16 @@ struct alignas(64) Directions {
   float above[16];         ///< cosine to the geometric normal
 };
 
-/// Cosine-distributed directions about each lane's shading normal. Lane i takes the Sobol point
-/// number i ^ flip of `x`, `y` (fractions of 2^32), Owen-scrambled by the two seeds.
-using DirectionKernel = void (*)(const std::uint32_t* x, const std::uint32_t* y, std::uint32_t flip,
-                                 std::uint32_t seed_x, std::uint32_t seed_y, const PointFrames&,
-                                 Directions&);
+/// Sixteen Sobol points (fractions of 2^32) and how they are Owen-scrambled: the bits of `shared`
+/// by the seeds that all lanes share, those below by the lane's own.
+struct alignas(64) ScrambledPoints {
+  std::uint32_t x[16], y[16];
+  std::uint32_t seed_x[16], seed_y[16];
+  std::uint32_t shared_x = 0, shared_y = 0, shared_seed_x = 0, shared_seed_y = 0;
+};
+
+/// Cosine-distributed directions about each lane's shading normal.
+using DirectionKernel = void (*)(const ScrambledPoints&, const PointFrames&, Directions&);
 
 /// A flat light: a triangle, or a parallelogram (four corners, the last one opposite the second).
 struct LightShape {
@@ -50,7 +55,8 @@ struct alignas(64) LightRays {
   float weight[16];        ///< what the sample estimates the irradiance at unit radiance to be
 };
 
-/// Lane i takes the Sobol point number i ^ flip of `x`, `y`, as DirectionKernel does.
+/// Lane i takes the Sobol point number i ^ flip of `x`, `y` (fractions of 2^32), Owen-scrambled by
+/// the two seeds.
 /// @param clearance distance off the light at which shadow rays end, m
 using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const std::uint32_t* y,
                              std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,

@@ -39,16 +39,24 @@ constexpr std::uint32_t kLaneBit[kLanes] = {
   return x < 0 ? -x : x;
 }
 
-void directions(const std::uint32_t* __restrict x, const std::uint32_t* __restrict y,
-                std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
-                const PointFrames& frames, Directions& out) {
+void directions(const ScrambledPoints& points, const PointFrames& frames, Directions& out) {
   alignas(64) std::uint32_t px[kLanes], py[kLanes];
-  for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
+  for (int i = 0; i < kLanes; ++i) {
+    px[i] = scramble(points.x[i], points.seed_x[i]);
+    py[i] = scramble(points.y[i], points.seed_y[i]);
+  }
+  if ((points.shared_x | points.shared_y) != 0) {
+    const std::uint32_t shared_x = points.shared_x, shared_y = points.shared_y;
+    const std::uint32_t seed_x = points.shared_seed_x, seed_y = points.shared_seed_y;
+    for (int i = 0; i < kLanes; ++i) {
+      px[i] = (scramble(points.x[i], seed_x) & shared_x) | (px[i] & ~shared_x);
+      py[i] = (scramble(points.y[i], seed_y) & shared_y) | (py[i] & ~shared_y);
+    }
+  }
   for (int i = 0; i < kLanes; ++i) {
     // Concentric map of the square to the disk, then up to the hemisphere. Its angle stays within
     // an eighth of a turn, where short Taylor series are exact to the last bit or two.
-    const float a = 2 * unit(scramble(px[i], seed_x)) - 1;
-    const float b = 2 * unit(scramble(py[i], seed_y)) - 1;
+    const float a = 2 * unit(px[i]) - 1, b = 2 * unit(py[i]) - 1;
     const bool wide = magnitude(a) > magnitude(b);
     const float r = wide ? a : b, other = wide ? b : a;
     const float angle = 0.78539816339744831f * (other / (r == 0 ? 1.f : r));

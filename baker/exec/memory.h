@@ -1,0 +1,10 @@
+#pragma once
+
+#include <cstdint>
+
+namespace kiln::baker {
+
+/// Most memory that this process has held at once, bytes.
+std::uint64_t peak_memory_bytes();
+
+}  // namespace kiln::baker
