@@ -11,8 +11,8 @@
 
 #include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
+#include "tests/bench/ball.h"
 #include "tests/bench/kernel_input.h"
-#include "tests/bench/ready_scene.h"
 
 namespace {
 

@@ -9,7 +9,7 @@
 #include "baker/output/output.h"
 #include "baker/post/post.h"
 #include "baker/solver/solve.h"
-#include "tests/bench/ready_scene.h"
+#include "tests/bench/ball.h"
 
 namespace kiln::bench {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
+#include "tests/bench/ball.h"
 #include "tests/bench/embree_tap.h"
-#include "tests/bench/ready_scene.h"
 
 namespace kiln::bench {
 namespace {

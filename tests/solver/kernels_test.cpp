@@ -170,6 +170,40 @@ TEST(Kernels, ViewOfALightIsLambertsFormula) {
   }
 }
 
+// A point right beside the edge of a lamp sees the edge as a straight line: the sine of its angle
+// is next to nothing. Receivers in the plane of the edge, nearer and nearer below it, against the
+// formula in double precision.
+TEST(Kernels, ViewOfALightFromBesideItsEdge) {
+  LightShape l{};
+  const float corner[4][3] = {{0, 0, -1}, {1, 0, -1}, {1, 0, 1}, {0, 0, 1}};
+  std::copy_n(&corner[0][0], 12, &l.corner[0][0]);
+  l.normal[1] = -1, l.area_m2 = 2, l.corners = 4;
+  PointFrames f{};
+  for (int i = 0; i < 16; ++i) {
+    f.position[1][i] = -std::pow(0.3f, float(i));  // down to 1.4e-8
+    f.shading_normal[0][i] = f.geometric_normal[0][i] = 1;
+  }
+  LightView view;
+  kernels().view_light(l, f, view);
+  for (int i = 0; i < 16; ++i) {
+    const double h = -double(f.position[1][i]);
+    double sum = 0;
+    for (int k = 0; k < 4; ++k) {
+      const auto at = [&](int c) {
+        const double x = double(corner[c % 4][0]), z = double(corner[c % 4][2]);
+        const double s = 1 / std::sqrt(x * x + h * h + z * z);
+        return std::array<double, 3>{x * s, h * s, z * s};
+      };
+      const auto a = at(k), b = at(k + 1);
+      const double cx = a[1] * b[2] - a[2] * b[1], cy = a[2] * b[0] - a[0] * b[2],
+                   cz = a[0] * b[1] - a[1] * b[0];
+      const double sine = std::sqrt(cx * cx + cy * cy + cz * cz);
+      sum += cx * std::atan2(sine, a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) / sine;
+    }
+    EXPECT_NEAR(view.irradiance[i], std::abs(sum) / 2, 1e-5) << h;
+  }
+}
+
 // The mean of the samples' weights is the irradiance; QMC error of 4096 points.
 TEST(Kernels, SamplesOfALightAverageToLambertsFormula) {
   const PointFrames f = points_under_lamp();

@@ -1,12 +1,13 @@
-#include "tests/bench/ready_scene.h"
+#include "tests/support/ready_scene.h"
 
 #include "baker/scene/generate.h"
 
-namespace kiln::bench {
+namespace kiln::test {
 namespace {
 
-baker::Scene import_generated(std::string_view generator, std::uint32_t detail) {
-  return must(baker::import_scene(SceneFile(generator, detail).files(), {}));
+baker::Scene import_generated(std::string_view generator, std::uint32_t detail,
+                              const proto::BakeSettings& settings) {
+  return must(baker::import_scene(SceneFile(generator, detail).files(), settings));
 }
 
 baker::Atlas lay_out(const baker::Scene& scene, std::uint32_t page_size) {
@@ -20,17 +21,13 @@ baker::Atlas lay_out(const baker::Scene& scene, std::uint32_t page_size) {
 SceneFile::SceneFile(std::string_view generator, std::uint32_t detail)
     : path_(folder_.write("scene.glb", must(baker::generate_glb(generator, detail)))) {}
 
-ReadyScene::ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size)
-    : scene(import_generated(generator, detail)),
+ReadyScene::ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size,
+                       const proto::BakeSettings& settings)
+    : scene(import_generated(generator, detail, settings)),
       atlas(lay_out(scene, page_size)),
       texels(must(baker::rasterise(scene, atlas))),
       rays(must(baker::RayScene::build(scene))),
       lights(scene),
       lookup(scene, atlas, texels) {}
 
-const ReadyScene& ball_at_1024() {
-  static const ReadyScene ready("cornell_geom", 91, 1024);
-  return ready;
-}
-
-}  // namespace kiln::bench
+}  // namespace kiln::test

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <memory>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 
@@ -16,9 +16,9 @@
 #include "proto/expected.h"
 #include "tests/support/temp_files.h"
 
-namespace kiln::bench {
+namespace kiln::test {
 
-/// The value, or an exception with the error's message: a benchmark's input has no excuse.
+/// The value, or an exception with the error's message: what the project generates has no excuse.
 template <class T>
 T must(proto::Expected<T> result) {
   if (!result) throw std::runtime_error(result.error().message);
@@ -32,7 +32,7 @@ class SceneFile {
   baker::SceneFiles files() const { return {path_, {}}; }
 
  private:
-  test::TempFolder folder_;
+  TempFolder folder_;
   std::filesystem::path path_;
 };
 
@@ -46,17 +46,17 @@ struct ReadyScene {
   baker::LightSet lights;
   baker::TexelLookup lookup;
 
-  ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size);
+  /// @param settings those that import reads: sky and lights
+  ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size,
+             const proto::BakeSettings& settings = {});
   ReadyScene(const ReadyScene&) = delete;
   ReadyScene& operator=(const ReadyScene&) = delete;
 
-  baker::SolverInput input(const proto::SolverSettings& settings) const {
-    return {scene, atlas, texels, rays, lights, lookup, settings};
+  baker::SolverInput input(const proto::SolverSettings& settings,
+                           const proto::QualitySettings& quality = {}) const {
+    return {scene,  atlas,  texels,   rays,
+            lights, lookup, settings, baker::sample_plan(settings, quality)};
   }
 };
 
-/// Cornell box with a ball of 97,572 triangles on a page of 1024: the scene and the density that
-/// tracing rates are quoted for. Made once, kept to the end.
-const ReadyScene& ball_at_1024();
-
-}  // namespace kiln::bench
+}  // namespace kiln::test
