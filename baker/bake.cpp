@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <utility>
 
 #include "baker/atlas/atlas.h"
@@ -12,6 +13,7 @@
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
+#include "baker/solver/work.h"
 #include "proto/json.h"
 #include "proto/sha256.h"
 
@@ -52,7 +54,7 @@ class Course {
   }
   /// From any thread.
   void batch(const Pass& pass, std::uint32_t done, std::uint32_t total, std::uint32_t max_passes,
-             double residual, double fraction) {
+             double residual, double fraction, std::optional<double> eta_seconds) {
     const auto now = Clock::now().time_since_epoch().count();
     auto due = due_.load(std::memory_order_relaxed);
     if (done < total && now < due) return;
@@ -66,6 +68,7 @@ class Course {
     p.batches_total = total;
     p.residual = residual;
     p.fraction = risen_to(fraction);
+    p.eta_seconds = eta_seconds;
     observer_.on_progress(p);
   }
 
@@ -184,6 +187,25 @@ double work_of(const Solver& solver, std::span<const proto::PassReport> passes) 
   return work;
 }
 
+/// How fast the work of a solver goes.
+class Pace {
+ public:
+  /// @param done before, by an earlier attempt
+  explicit Pace(double done) : start_(Clock::now()), before_(done) {}
+
+  /// Nothing until enough has been done to tell.
+  std::optional<double> seconds_for(double done, double left) const {
+    constexpr double kLeastSeconds = 0.1;
+    const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
+    if (seconds < kLeastSeconds || !(done > before_)) return std::nullopt;
+    return seconds / (done - before_) * left;
+  }
+
+ private:
+  Clock::time_point start_;
+  double before_;
+};
+
 /// The solve stage: passes with checkpoints and snapshots.
 Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
                                 const std::shared_ptr<const TextureGroup>& texels,
@@ -212,12 +234,15 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
     observer.on_resume(std::uint32_t(passes.size()));
     observer.on_snapshot({texels, start.light, passes.back().index});
   }
+  const Pace pace(work_done);
   SolveHooks hooks;
   hooks.enough = input.enough;
   hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
-    const double share = (work_done + pass.work * done / total) / solver->total_work();
+    const double by_now = work_done + pass.work * done / total;
+    const double all = std::max(by_now, solver->total_work());
     course.batch(pass, done, total, solver->max_passes(), residual,
-                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * std::min(1.0, share));
+                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * by_now / all,
+                 pace.seconds_for(by_now, all - by_now + work::kOutput));
   };
   hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
                       std::shared_ptr<const Lightmap> light) -> Expected<void> {

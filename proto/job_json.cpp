@@ -4,6 +4,7 @@
 
 #include "proto/json.h"
 #include "proto/json_reader.h"
+#include "proto/json_values.h"
 #include "proto/problems.h"
 
 namespace kiln::proto {
@@ -22,7 +23,7 @@ constexpr std::array<std::pair<JobState, const char*>, 8> kStates{{
     {JobState::kCancelled, "canceled"},
 }};
 
-json or_null(const std::string& text) {
+json text_or_null(const std::string& text) {
   return text.empty() ? json(nullptr) : json(text);
 }
 
@@ -44,6 +45,7 @@ void read_progress(JsonReader& in, JobProgress& out) {
   in.read("batches_total", out.batches_total);
   in.read("residual", out.residual);
   in.read("fraction", out.fraction);
+  in.read("eta_seconds", out.eta_seconds);
 }
 
 void read_error(JsonReader& in, Error& out) {
@@ -104,7 +106,8 @@ json to_json(const JobProgress& p) {
           {"batches_done", p.batches_done},
           {"batches_total", p.batches_total},
           {"residual", p.residual},
-          {"fraction", p.fraction}};
+          {"fraction", p.fraction},
+          {"eta_seconds", or_null(p.eta_seconds)}};
 }
 
 json to_json(const Job& job) {
@@ -114,15 +117,15 @@ json to_json(const Job& job) {
           {"version", job.version},
           {"scene", {{"sha256", job.scene_sha256}, {"bytes", job.scene_bytes}}},
           {"settings", to_json(job.settings)},
-          {"tenant", or_null(job.tenant)},
+          {"tenant", text_or_null(job.tenant)},
           {"priority", job.priority},
           {"labels", job.labels},
           {"ttl_seconds", job.ttl_seconds},
           {"cached", job.cached},
-          {"created_at", or_null(job.created_at)},
-          {"started_at", or_null(job.started_at)},
-          {"finished_at", or_null(job.finished_at)},
-          {"expires_at", or_null(job.expires_at)},
+          {"created_at", text_or_null(job.created_at)},
+          {"started_at", text_or_null(job.started_at)},
+          {"finished_at", text_or_null(job.finished_at)},
+          {"expires_at", text_or_null(job.expires_at)},
           {"progress", to_json(job.progress)},
           {"error", job.error ? to_json(*job.error) : json(nullptr)},
           {"links", links(job.id)}};

@@ -17,6 +17,10 @@ double shortest_number(float v) {
   return result;
 }
 
+nlohmann::json or_null(const std::optional<double>& v) {
+  return v ? nlohmann::json(*v) : nlohmann::json(nullptr);
+}
+
 std::string pointer_token(std::string_view key) {
   std::string out;
   for (const char c : key) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -9,6 +10,9 @@ namespace kiln::proto {
 /// The double with the fewest decimal digits that rounds to `v` as float: 0.001f is written as
 /// 0.001, not as 0.0010000000474974513.
 double shortest_number(float v);
+
+/// The value, or null.
+nlohmann::json or_null(const std::optional<double>&);
 
 /// One reference token of a JSON pointer (RFC 6901): '~' and '/' escaped.
 std::string pointer_token(std::string_view key);

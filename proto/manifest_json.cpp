@@ -3,6 +3,7 @@
 
 #include "proto/json.h"
 #include "proto/json_reader.h"
+#include "proto/json_values.h"
 
 namespace kiln::proto {
 namespace {
@@ -11,9 +12,6 @@ using nlohmann::json;
 
 constexpr std::uint32_t kManifestVersion = 1;
 
-json or_null(const std::optional<double>& v) {
-  return v ? json(*v) : json(nullptr);
-}
 json number(float v) {
   return shortest_number(v);
 }

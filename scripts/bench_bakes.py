@@ -26,6 +26,10 @@ SIZE, BOUNCES, THREADS = 256, 8, 2
 SHORT = 3  # s: bakes that take longer are not repeated
 GENERATED = ["many_lights", "room_textured"]
 WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder brings scenes of this kind
+# Techniques left out, one at a time; the series "gather" and "filter" have the others.
+ABLATION = {"dense": {"solver.coarse_indirect": False},
+            "incoherent": {"solver.ray_pattern": "incoherent"},
+            "no_hits": {"solver.hit_memory_mib": 1}}
 FIELDS = ["tool", "series", "scene", "setting", "seconds", "cpu_seconds", "solve_seconds", "texels",
           "nrmse_own", "nrmse_cycles", "bias_cycles", "session"]
 
@@ -37,6 +41,7 @@ class Effort:
         self.gather = [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024]
         self.presets = ["draft"] if quick else ["draft", "preview", "production", "reference"]
         self.path = [4] if quick else [16]
+        self.ablation = [16, 64] if quick else [32, 128, 512]
         self.reference = 16 if quick else 256
         self.cycles = [4, 16] if quick else [16, 64, 256, 1024]
 
@@ -47,6 +52,9 @@ def ours_settings(effort):
         fixed = {"solver.samples": n, "solver.direct_samples": n}
         yield "gather", f"samples {n}", {**fixed, "post.filter": False}
         yield "filter", f"samples {n}", {**fixed, "post.filter": True}
+    for series, without in ABLATION.items():
+        for n in effort.ablation:
+            yield series, f"samples {n}", {"solver.samples": n, "solver.direct_samples": n, **without}
     for preset in effort.presets:
         yield "presets", preset, {"quality.preset": preset}
     for n in effort.path:

@@ -13,6 +13,9 @@ COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter"
 NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather, no filter",
          "filter": "Lightkiln, gather", "presets": "Lightkiln, presets"}
 TARGETS = [0.05, 0.02, 0.01]
+# What a curve leaves out that "filter" has.
+ABLATION = {"gather": "the filter", "dense": "interpolation between every second texel",
+            "incoherent": "packets of rays that stay together", "no_hits": "remembered hits"}
 
 
 def read_bakes(path):
@@ -155,6 +158,23 @@ def factors(rows, time):
     return table(["scene", "ours", "nRMSE", f"Cycles, {unit}", f"ours, {unit}", "factor"], out)
 
 
+def ablation(rows):
+    """CPU time to equal error with one technique left out, over that with all of them."""
+    out = []
+    for scene in scenes(rows):
+        for goal in (0.02, 0.01):
+            whole = seconds_to(curve(rows, scene, "filter", "cpu_seconds"), goal)
+            if not whole or not curve(rows, scene, "dense"):
+                continue
+            line = [scene, f"{100 * goal:g} %", seconds(whole)]
+            for series in ABLATION:
+                t = seconds_to(curve(rows, scene, series, "cpu_seconds"), goal)
+                line.append(f"{t[0] / whole[0]:.1f} ×" if t else "not reached")
+            out.append(line)
+    head = ["scene", "nRMSE", "all, CPU s"] + [f"without {w}" for w in ABLATION.values()]
+    return table(head, out) if out else "Not measured."
+
+
 def wall_factors(rows):
     compared = [r for r in rows if r["scene"] in {c["scene"] for c in rows if c["tool"] == "cycles"}]
     if not quiet(compared):
@@ -230,7 +250,7 @@ def sessions(rows):
     ours = {}  # session: curves
     for r in rows:
         if r["tool"] == "lightkiln":
-            ours.setdefault(r["session"], {})[NAMES[r["series"]]] = True
+            ours.setdefault(r["session"], {})[NAMES.get(r["series"], "ablation")] = True
     if len(theirs) == 1 and theirs <= set(ours):
         both = theirs.pop()
         ours.pop(both)
@@ -250,7 +270,9 @@ def main():
     if rows:
         shutil.copy(a.source / "bakes.csv", a.docs / "performance.csv")
         tables |= {"factors": factors(rows, "cpu_seconds"),
-                   "wall_factors": wall_factors(rows), "bakes": bakes(rows), "session": sessions(rows)}
+                   "wall_factors": wall_factors(rows), "ablation": ablation(rows),
+                   "bakes": bakes([r for r in rows if r["series"] in NAMES]),
+                   "session": sessions(rows)}
     for scene in scenes(rows):
         curves = [(s, curve(rows, scene, s, "cpu_seconds")) for s in NAMES]
         name = "performance-" + scene.replace("/", "-") + ".svg"

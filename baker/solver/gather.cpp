@@ -12,6 +12,7 @@
 #include "baker/solver/feedback.h"
 #include "baker/solver/hemisphere.h"
 #include "baker/solver/sample_rounds.h"
+#include "baker/solver/work.h"
 
 namespace kiln::baker {
 namespace {
@@ -19,7 +20,7 @@ namespace {
 /// Fewest directions that feed the bounces.
 constexpr std::uint32_t kMinFeedbackSamples = 16;
 /// Bounces after which most scenes have converged; for the estimate of progress only.
-constexpr double kTypicalBounces = 8;
+constexpr double kTypicalBounces = 10;
 
 /// Zeroed words whose pages the system gives when they are first written, which is in the batches,
 /// where a cancel is seen: clearing a gigabyte at once takes a second.
@@ -62,7 +63,7 @@ class GatherSolver final : public Solver {
   }
 
   double total_work() const override {
-    double work = direct_work() + rounds_.expected_work();
+    double work = direct_work() + rounds_.expected_work() + work::kFilter;
     if (!needs_rays_) return work;
     work += trace_work() + (plan_.coarse ? refine_work() : 0);
     return work + std::min<double>(kTypicalBounces, in_.settings.bounces) * look_up_work();
@@ -104,10 +105,9 @@ class GatherSolver final : public Solver {
            double(in_.lights.punctual().size() * TextureGroup::kPointsPerTexel);
   }
   /// Every fourth texel is a site, and charts are edged by texels without sites around them.
-  double trace_work() const { return set_.size() * (plan_.coarse ? 0.35 : 1); }
-  double refine_work() const { return set_.size() * 0.1; }
-  /// A look-up costs about a fortieth of a ray.
-  double look_up_work() const { return trace_work() / 40; }
+  double trace_work() const { return work::kDirection * set_.size() * (plan_.coarse ? 0.35 : 1); }
+  double refine_work() const { return work::kDirection * set_.size() * 0.1; }
+  double look_up_work() const { return work::kTexel + work::kLookUp * trace_work(); }
 
   static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
     const std::uint32_t wanted = in.plan.directions;
@@ -183,15 +183,16 @@ std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) 
   const std::uint32_t limit = in_.settings.bounces;
   if (done.empty()) {
     pass.name = kDirect;
-    pass.work = direct_work();
     pass.completes = !needs_rays_;
+    pass.work = direct_work() + (pass.completes ? work::kFilter : 0);
     return pass;
   }
   if (needs_rays_ && done.size() < first_bounce()) {
     pass.name = done.size() == 1 ? kTrace : kRefine;
-    pass.work = done.size() == 1 ? trace_work() : refine_work();
     pass.fills_state = true;
     pass.completes = limit == 0 && done.size() + 1 == first_bounce();
+    pass.work =
+        (done.size() == 1 ? trace_work() : refine_work()) + (pass.completes ? work::kFilter : 0);
     return pass;
   }
   // The passes that bring new light come first, those that only add samples follow.
@@ -218,6 +219,7 @@ void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pa
   pass.work = look_up_work();
   pass.batch_texels = 4096;
   pass.completes = bounces + 1 == limit;
+  if (pass.completes) pass.work += work::kFilter;
   if (bounces == 0 || pass.completes) return;
   const auto update = [](const proto::PassReport& p) { return p.residual * p.mean_lx; };
   const double residual = done.back().residual;
@@ -228,6 +230,7 @@ void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pa
   if (!converged) return;
   pass.name = kTail;
   pass.completes = true;
+  pass.work += work::kFilter;
   pass.tail_scale = ratio * (1 - std::pow(ratio, limit - bounces - 1)) / (1 - ratio);
 }
 
@@ -293,6 +296,7 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
 
 bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& workers,
                           proto::PassReport& report) {
+  if (!pass.completes && pass.name != kBounce) rounds_.guess(after);
   if (pass.name == kRefine && in_.settings.bounces > 0) {
     // What the sites were compared by is no bounce yet.
     after.indirect.renew();

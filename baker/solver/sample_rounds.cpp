@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "baker/solver/work.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -10,8 +12,9 @@ namespace {
 constexpr float kDarkShare = 0.02f;
 /// A part of the light takes more samples where it has this share of the variance or more.
 constexpr float kMatters = 0.25f;
-/// Power of the number of samples with which the error falls, about: for the estimate of progress.
-constexpr double kSlope = 0.65;
+/// Power of the number of samples with which the error falls, about; and at worst, by which the
+/// time that is left is told.
+constexpr double kSlope = 0.65, kWorstSlope = 0.55;
 /// Doublings of one round.
 constexpr double kMostDoublings = 3;
 /// Texels inside other geometry have nothing to judge.
@@ -153,26 +156,80 @@ void SampleRounds::foresee(const Lightmap& light) {
     adds_shadow_rays_ = adds_shadow_rays_ || chosen.shadow_rays > 0;
     std::uint32_t had = light.direct_samples[t];
     for (std::uint32_t i = 0; i < chosen.shadow_rays; ++i) {
-      work += share * more_shadow_rays(had);
+      work += share * cost(more_shadow_rays(had), 0);
       had += more_shadow_rays(had);
     }
     had = light.samples[t];
     for (std::uint32_t i = 0; i < chosen.directions && more_directions(had) > 0; ++i) {
       first_directions_.insert(had);
-      work += share * more_directions(had) * (in_.plan.coarse ? 0.45 : 1);
+      work += share * cost(0, more_directions(had));
       had += more_directions(had);
     }
     next_work_ += work;
     all += work * std::exp2(doublings_left(tile));
   }
+  if (next_work_ > 0) next_work_ += work::kFilter, all += work::kFilter;
   expected_work_ = work_done_ + all;
+}
+
+/// In shadow rays per texel. Most texels take no directions where they are gathered coarsely.
+double SampleRounds::cost(std::uint32_t shadow_rays, std::uint32_t directions) const {
+  constexpr double kGatherShare = 0.45;
+  return shadow_rays + directions * work::kDirection * (in_.plan.coarse ? kGatherShare : 1);
+}
+
+void SampleRounds::guess(const Lightmap& light) {
+  // About what the filter leaves of the variance, how bright the indirect light will be against the
+  // direct, and how far the error that counts in a tile is above its mean.
+  const double left_direct = in_.filter ? 0.6 : 1, left_gathered = in_.filter ? 0.2 : 1;
+  constexpr double kIndirect = 0.3, kAboveMean = 1.4;
+  if (!(in_.plan.target_error > 0) || light.size() == 0) return;
+  double mean = 0;
+  for (std::uint32_t t = 0; t < light.size(); ++t)
+    mean += double(luminance(light.irradiance(t))) / light.size();
+  struct Tile {
+    double share, over, extra;
+  };
+  std::vector<Tile> tiles;
+  double over_target = 0;
+  for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
+    const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
+    const double n = tile.size(), share = n / light.size();
+    double e = 0, direct = 0, gathered = 0;
+    for (std::uint32_t i = tile.begin; i < tile.end; ++i) {
+      e += double(luminance(light.irradiance(i))) / n;
+      direct += left_direct * std::pow(double(light.direct_spread[i]), 2) / n;
+      gathered +=
+          left_gathered * std::pow(double(light.sky_spread[i] + light.indirect_spread[i]), 2) / n;
+    }
+    const double scale = e + (kIndirect + double(kDarkShare)) * mean;
+    const double over = scale > 0 ? kAboveMean * std::sqrt(direct + gathered) /
+                                        (scale * double(in_.plan.target_error))
+                                  : 0;
+    const double matters = double(kMatters) * (direct + gathered);
+    const double times = std::exp2(std::ceil(std::log2(std::max(1.0, over)) / kWorstSlope)) - 1;
+    const auto more = [&](bool can, double variance, std::uint32_t had, std::uint32_t most) {
+      return can && variance >= matters ? std::min(times * had, double(most - had)) : 0.0;
+    };
+    const double rays = more(can_add_shadow_rays_, direct, in_.plan.shadow_rays,
+                             in_.plan.most_shadow_rays),
+                 directions = more(can_add_directions_, gathered, in_.plan.directions,
+                                   in_.plan.most_directions);
+    tiles.push_back({share, over, cost(std::uint32_t(rays), std::uint32_t(directions))});
+    if (over > 1) over_target += share;
+  }
+  expected_work_ = 0;
+  if (over_target <= 0.05) return;  // of the texels, that many may be
+  for (const Tile& tile : tiles)
+    if (tile.over > 1) expected_work_ += tile.share * tile.extra;
+  expected_work_ += work::kFilter;
 }
 
 /// Doublings of a tile that rounds after the next one will have to make, as far as can be foreseen.
 double SampleRounds::doublings_left(TexelRange tile) const {
   const double over = over_target(tile);
   if (!(over > 1)) return 0;
-  return std::max(0.0, std::min(std::log2(over) / kSlope, double(limit_)) - kMostDoublings);
+  return std::max(0.0, std::min(std::log2(over) / kWorstSlope, double(limit_)) - kMostDoublings);
 }
 
 }  // namespace kiln::baker

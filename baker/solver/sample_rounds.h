@@ -35,6 +35,8 @@ class SampleRounds {
   /// Looks at the light after a pass that left it complete: says in the report what its error is.
   /// False when stopped.
   bool judge(const Lightmap&, const Workers&, proto::PassReport&);
+  /// Before there is light to judge: guesses the effort of all rounds by how the samples scatter.
+  void guess(const Lightmap&);
   /// Before a round: makes sure that its tiles are chosen. False when stopped.
   bool begin(const Lightmap&, const Workers&);
 
@@ -52,7 +54,8 @@ class SampleRounds {
   /// Numbers of directions that are doubled.
   const std::set<std::uint32_t>& first_directions() const { return first_directions_; }
 
-  /// Expected effort in rays per texel: of the next round, and of all rounds, those done included.
+  /// Expected effort in shadow rays per texel: of the next round, and of all rounds, those done
+  /// included.
   double next_work() const { return next_work_; }
   double expected_work() const { return expected_work_; }
 
@@ -63,6 +66,7 @@ class SampleRounds {
   Doublings choose(TexelRange tile, const Lightmap&) const;
   void foresee(const Lightmap&);
   double over_target(TexelRange tile) const;
+  double cost(std::uint32_t shadow_rays, std::uint32_t directions) const;
   double doublings_left(TexelRange tile) const;
 
   const SolverInput& in_;

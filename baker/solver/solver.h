@@ -40,7 +40,7 @@ struct Pass {
   std::uint32_t index = 0;           ///< over the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
   std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
-  double work = 1;                                   ///< expected effort, in rays per texel
+  double work = 1;                                   ///< expected effort, in shadow rays per texel
   bool fills_state = false;  ///< leaves in Solver::state() what later passes read
   bool completes = false;    ///< the light has all its bounces afterwards
   double tail_scale = 0;     ///< factor on the update that stands for the bounces that are left out

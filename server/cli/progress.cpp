@@ -22,6 +22,14 @@ std::string percent(const proto::JobProgress& p) {
   return std::to_string(static_cast<int>(share(p) * 100)) + " %";
 }
 
+std::string time_left(const proto::JobProgress& p) {
+  if (!p.eta_seconds) return "";
+  const auto s = static_cast<long long>(*p.eta_seconds + 0.5);
+  std::array<char, 48> text{};
+  std::snprintf(text.data(), text.size(), ", %lld:%02lld left", s / 60, s % 60);
+  return text.data();
+}
+
 std::string residual_text(const proto::JobProgress& p) {
   if (p.stage != "solve" || p.pass == 0) return "";
   std::array<char, 48> text{};
@@ -35,7 +43,7 @@ std::string progress_words(const proto::JobProgress& p) {
   std::string words = p.stage.empty() ? "waiting" : p.stage;
   if (p.max_passes > 0)
     words += ", pass " + std::to_string(p.pass + 1) + " of at most " + std::to_string(p.max_passes);
-  return words + residual_text(p);
+  return words + residual_text(p) + time_left(p);
 }
 
 ProgressView::ProgressView(Style style, std::FILE* out)

@@ -104,7 +104,8 @@ json progress() {
                  {"batches_done", integer()},
                  {"batches_total", integer()},
                  {"residual", {{"type", "number"}}},
-                 {"fraction", {{"type", "number"}, {"minimum", 0}, {"maximum", 1}}}});
+                 {"fraction", {{"type", "number"}, {"minimum", 0}, {"maximum", 1}}},
+                 {"eta_seconds", {{"type", {"number", "null"}}, {"minimum", 0}}}});
 }
 
 json links() {

@@ -21,7 +21,7 @@ Job some_job() {
   job.scene_sha256 = std::string(64, 'a');
   job.scene_bytes = 1ull << 40;
   job.created_at = "2030-01-02T03:04:05Z";
-  job.progress = {"solve", 3, 17, 5, 9, 0.25, 0.5};
+  job.progress = {"solve", 3, 17, 5, 9, 0.25, 0.5, 12.5};
   job.error = Error{"no_light", "no light", {{"scene", "/nodes/3", "nothing shines"}}};
   return job;
 }
