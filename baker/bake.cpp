@@ -279,8 +279,11 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   Course course(observer, manifest.statistics);
 
   course.enter("import", 0);
-  auto scene = import_scene(input.files, input.settings, input.limits, stop);
+  const auto source =
+      input.source ? input.source : std::make_shared<FilesInProcess>(input.files, input.limits);
+  auto scene = source->import(stop);
   if (!scene) return Unexpected(scene.error());
+  if (auto ok = apply_settings(*scene, input.settings); !ok) return Unexpected(ok.error());
   manifest.warnings = scene->warnings;
   for (const auto& w : scene->warnings) observer.on_warning(w);
   const LightSet lights(*scene);
@@ -308,8 +311,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   warn_of_texels(manifest.statistics, double(plan.target_error), manifest.warnings);
 
   course.enter("output", kSolvedAt);
-  const OutputInput output{input.files, *scene,           *atlas,
-                           *texels,     *solution->light, solution->filtered};
+  const OutputInput output{*source, *scene, *atlas, *texels, *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)

@@ -11,6 +11,7 @@
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/scene/import.h"
+#include "baker/scene_source.h"
 #include "baker/solver/lightmap.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -55,6 +56,8 @@ struct BakeInput {
   /// Asked once, when the scene is known and before anything is made of it, for the memory that the
   /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
+  /// What reads the files; null: this process does, within the limits. Used by one bake at a time.
+  std::shared_ptr<SceneSource> source = nullptr;
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the

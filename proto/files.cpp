@@ -12,18 +12,6 @@ namespace {
 
 constexpr std::size_t kBuffer = std::size_t{256} * 1024;
 
-Expected<void> write_all(int fd, std::string_view bytes, const std::filesystem::path& path) {
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-    if (n < 0) {
-      if (errno == EINTR) continue;
-      return storage_error("write", path);
-    }
-    bytes.remove_prefix(static_cast<std::size_t>(n));
-  }
-  return {};
-}
-
 Expected<void> sync_path(const std::filesystem::path& path, int flags) {
   const Fd fd(::open(path.c_str(), flags | O_CLOEXEC));
   if (!fd.valid()) return storage_error("open", path);
@@ -58,6 +46,18 @@ Unexpected storage_error(std::string_view doing, const std::filesystem::path& pa
   return fail(full ? "storage_full" : "io_error", "Could not " + std::string(doing) + " " +
                                                       path.filename().string() + ": " +
                                                       std::system_category().message(error) + ".");
+}
+
+Expected<void> write_all(int fd, std::string_view bytes, const std::filesystem::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+    if (n < 0) {
+      if (errno == EINTR) continue;
+      return storage_error("write", path);
+    }
+    bytes.remove_prefix(static_cast<std::size_t>(n));
+  }
+  return {};
 }
 
 Expected<HashingFile> HashingFile::create(const std::filesystem::path& path, mode_t mode) {

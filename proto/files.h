@@ -62,6 +62,9 @@ class HashingFile {
 /// The error for the current errno: `storage_full` when the disk or quota is, else `io_error`.
 Unexpected storage_error(std::string_view doing, const std::filesystem::path&);
 
+/// Writes all of the bytes; `path` is for the message. Errors: `storage_full`, `io_error`.
+Expected<void> write_all(int fd, std::string_view bytes, const std::filesystem::path&);
+
 /// Makes a folder's entries survive power loss; "" is the current folder.
 Expected<void> sync_folder(const std::filesystem::path&);
 /// Makes a file's content, or a whole tree's, survive power loss.

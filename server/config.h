@@ -24,6 +24,15 @@ struct ServerConfig {
   std::uint32_t slow_request_ms = 1000;  ///< of the service's own time: then it is logged; 0: never
   std::uint64_t max_upload_bytes = 1ull << 30;        ///< of one request's body
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
+  // What a scene may ask for (baker::ImportLimits): beyond, `limit_exceeded`.
+  std::uint64_t max_scene_triangles = 32'000'000;  ///< each use of a mesh counted
+  std::uint32_t max_scene_nodes = 1'000'000;
+  std::uint32_t max_scene_lights = 100'000;
+  std::uint32_t max_scene_json_depth = 128;         ///< levels of nesting
+  std::uint64_t max_image_pixels = 1ull << 28;      ///< of one texture
+  std::uint64_t max_all_image_pixels = 1ull << 29;  ///< of all textures together
+  std::uint64_t import_memory_bytes = 4ull << 30;   ///< of the process that reads a scene
+  std::uint32_t import_seconds = 300;               ///< that it may take
   std::uint32_t max_running_jobs = 2;
   std::uint32_t max_queued_jobs = 1000;           ///< beyond: `queue_full`
   std::uint32_t max_queued_jobs_per_tenant = 0;   ///< beyond: `quota_exceeded`; 0: no limit

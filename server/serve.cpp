@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "baker/bake.h"
-#include "baker/scene/import.h"
+#include "server/import/setup.h"
 #include "server/log.h"
 #include "server/service.h"
 
@@ -70,6 +70,21 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
   std::_Exit(2);
 }
 
+// The baker, with everything that decodes an upload in another process. What an import makes is
+// kept beside the upload, and goes with it.
+ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer) {
+  ServiceParts parts;
+  parts.bake = [importer](baker::BakeInput input, baker::ThreadPool& pool, std::stop_token stop,
+                          baker::BakeObserver& observer) {
+    input.source = importer->open(input.files, input.scene_key, input.files.main.parent_path());
+    return baker::bake(input, pool, std::move(stop), observer);
+  };
+  parts.check = [importer](const baker::SceneFiles& files, const proto::BakeSettings& settings) {
+    return importer->check(files, settings);
+  };
+  return parts;
+}
+
 }  // namespace
 
 int serve(const ServerConfig& config) {
@@ -78,12 +93,12 @@ int serve(const ServerConfig& config) {
   std::signal(SIGPIPE, SIG_IGN);
   set_up_log(config.log_level, config.log_format);
 
-  auto service = Service::start(
-      config, {baker::bake,
-               [](const baker::SceneFiles& files, const proto::BakeSettings& settings) {
-                 return baker::check_scene(files, settings);
-               },
-               EdgeLimits{}});
+  const auto importer = make_importer(config);
+  if (!importer) {
+    std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());
+    return 1;
+  }
+  auto service = Service::start(config, isolated_parts(*importer));
   if (!service) {
     std::fprintf(stderr, "lightkiln: %s\n", service.error().message.c_str());
     return 1;

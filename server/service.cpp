@@ -9,6 +9,7 @@
 
 #include "server/http/http_server.h"
 #include "server/http/hub.h"
+#include "server/import/setup.h"
 #include "server/jobs/janitor.h"
 #include "server/log.h"
 #include "server/metrics/metrics.h"
@@ -68,7 +69,8 @@ struct Service::Impl {
         scenes(data),
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config), {}, &metrics),
+        jobs(data, store, scenes, pool, parts.bake, job_limits(config), import_limits(config),
+             &metrics),
         janitor(data, store, scenes, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),

@@ -59,10 +59,15 @@ struct LitPage {
 /// and `invalid_scene` where the source changed since it was imported.
 proto::Expected<void> write_lit_glb(const std::filesystem::path&, const SceneFiles&, const Scene&,
                                     const Atlas&, std::span<const LitPage>);
+/// The same to an open file.
+proto::Expected<void> write_lit_glb(int fd, const SceneFiles&, const Scene&, const Atlas&,
+                                    std::span<const LitPage>);
+
+class SceneSource;
 
 /// Everything of a finished bake that the files hold.
 struct OutputInput {
-  const SceneFiles& files;
+  SceneSource& source;
   const Scene& scene;
   const Atlas& atlas;
   const TextureGroup& texels;

@@ -1,9 +1,5 @@
 #include "baker/scene/flat_file.h"
 
-#include <unistd.h>
-
-#include <cerrno>
-
 #include "proto/files.h"
 
 namespace kiln::baker {
@@ -12,6 +8,7 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 
+constexpr const char* kName = "the scene file";
 constexpr std::string_view kMagic("LKILNFLT", 8);
 constexpr std::size_t kKeyBytes = 64, kHeaderBytes = 96, kEntryBytes = 24, kAlignment = 64;
 
@@ -29,16 +26,6 @@ T get(std::string_view bytes, std::size_t offset) {
   T value;
   std::memcpy(&value, bytes.data() + offset, sizeof value);
   return value;
-}
-
-Expected<void> write_all(int fd, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return proto::storage_error("write", "the scene file");
-    bytes.remove_prefix(static_cast<std::size_t>(n));
-  }
-  return {};
 }
 
 /// Header and table, and where the file ends.
@@ -76,12 +63,12 @@ Unexpected bad_flat_file(const std::string& why) {
 
 Expected<void> write_flat(int fd, const FlatHeader& header, std::span<const FlatSection> sections) {
   const std::string head = make_head(header, sections);
-  if (auto ok = write_all(fd, head); !ok) return ok;
+  if (auto ok = proto::write_all(fd, head, kName); !ok) return ok;
   std::uint64_t at = head.size();
   for (const FlatSection& section : sections) {
     const std::string padding(aligned(at) - at, '\0');
-    if (auto ok = write_all(fd, padding); !ok) return ok;
-    if (auto ok = write_all(fd, section.bytes); !ok) return ok;
+    if (auto ok = proto::write_all(fd, padding, kName); !ok) return ok;
+    if (auto ok = proto::write_all(fd, section.bytes, kName); !ok) return ok;
     at += padding.size() + section.bytes.size();
   }
   return {};

@@ -145,14 +145,13 @@ Expected<void> read_model(Document& document, const json& pruned) {
 /// JSON text to `model`, with all that the library must not see beside it.
 Expected<void> read_document(Document& document, const Container& container,
                              const ImportLimits& limits, const std::stop_token& stop) {
-  auto parsed = parse_gltf_json(container.json, stop);
+  auto parsed = parse_gltf_json(container.json, limits.json_depth, stop);
   if (!parsed) return Unexpected(parsed.error());
   if (auto known = check_required_extensions(*parsed); !known) return known;
   if (auto checked = check_gltf(*parsed, stop); !checked) return checked;
   if (auto version = check_version(parsed->at("asset")); !version) return version;
   if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
-    return proto::fail("limit_exceeded", "more than " + std::to_string(limits.nodes) + " nodes",
-                       "scene", "/nodes");
+    return over_limit("too many nodes", limits.nodes, "nodes", "/nodes");
   }
   if (stop.stop_requested()) return canceled();
   if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
@@ -181,7 +180,7 @@ Expected<void> read_document(Document& document, const Container& container,
 Expected<std::string_view> FileCache::load(const std::filesystem::path& path,
                                            const std::string& pointer) {
   if (const auto known = mapped_.find(path); known != mapped_.end()) return known->second.bytes();
-  auto file = MappedFile::open(path, left_);
+  auto file = map_file(files_, path, left_);
   if (!file) {
     file.error().details = {{"scene", pointer, file.error().message}};
     return Unexpected(file.error());
@@ -219,9 +218,7 @@ Expected<Document> open_document(const SceneFiles& files, const ImportLimits& li
   const auto container = open_container(*bytes);
   if (!container) return Unexpected(container.error());
   if (container->json.size() > limits.json_bytes) {
-    return proto::fail("limit_exceeded",
-                       "the JSON is longer than " + std::to_string(limits.json_bytes) + " bytes",
-                       "scene", "");
+    return over_limit("the JSON is too long", limits.json_bytes, "scene_json_bytes", "");
   }
   if (auto read = read_document(document, *container, limits, stop); !read) {
     return Unexpected(read.error());

@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMaxDepth = 128, kMaxValues = 16'000'000, kPollInterval = 1 << 16;
+constexpr std::size_t kMaxValues = 16'000'000, kPollInterval = 1 << 16;
 
 std::string line_and_column(std::string_view text, std::size_t byte) {
   const auto before = text.substr(0, std::min(byte, text.size()));
@@ -29,7 +29,8 @@ std::string line_and_column(std::string_view text, std::size_t byte) {
 /// value has another type than the schema's it is kept whole, for the check to find.
 class PruningReader {
  public:
-  PruningReader(std::string_view text, const std::stop_token& stop) : text_(text), stop_(stop) {}
+  PruningReader(std::string_view text, std::size_t max_depth, const std::stop_token& stop)
+      : text_(text), max_depth_(max_depth), stop_(stop) {}
 
   json& document() { return document_; }
   const proto::Error& error() const { return error_; }
@@ -88,13 +89,14 @@ class PruningReader {
     const Field* field = nullptr;  ///< the schema's word on that member
   };
 
-  bool limit(const char* what) {
-    error_ = proto::fail("limit_exceeded", what, "scene", "").value();
+  bool limit(const proto::Unexpected& error) {
+    error_ = error.value();
     return false;
   }
 
   bool count() {
-    if (++values_ > kMaxValues) return limit("the JSON holds more than 16 million values");
+    if (++values_ > kMaxValues)
+      return limit(over_limit("the JSON holds too many values", kMaxValues, "json_values", ""));
     if (values_ % kPollInterval == 0 && stop_.stop_requested()) {
       error_ = canceled().value();
       return false;
@@ -119,7 +121,8 @@ class PruningReader {
   /// @param kind that a listed member has when its value is pruned too
   bool open(json value, Kind kind) {
     if (!count()) return false;
-    if (++depth_ > kMaxDepth) return limit("the JSON is nested deeper than 128 levels");
+    if (++depth_ > max_depth_)
+      return limit(over_limit("the JSON is nested too deep", max_depth_, "scene_json_depth", ""));
     json* const to = dropped_ > 0 ? nullptr : place();
     if (!to) {
       ++dropped_;
@@ -151,6 +154,7 @@ class PruningReader {
   }
 
   std::string_view text_;
+  std::size_t max_depth_;
   const std::stop_token& stop_;
   json document_;
   proto::Error error_;
@@ -196,8 +200,9 @@ std::string shortened(std::string_view text, std::size_t max) {
   return out;
 }
 
-proto::Expected<json> parse_gltf_json(std::string_view text, const std::stop_token& stop) {
-  PruningReader reader(text, stop);
+proto::Expected<json> parse_gltf_json(std::string_view text, std::uint32_t max_depth,
+                                      const std::stop_token& stop) {
+  PruningReader reader(text, max_depth, stop);
   const bool parsed = json::sax_parse(text, &reader);
   if (!parsed) return proto::Unexpected(reader.error());
   if (reader.document().is_object()) return std::move(reader.document());

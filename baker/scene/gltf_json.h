@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
@@ -18,10 +19,11 @@ std::string pointer_to(const std::string& parent, std::string_view key);
 std::string shortened(std::string_view text, std::size_t max = 100);
 
 /// Parses the document and keeps what a bake reads of it (gltf_schema.h): extras and the like are
-/// passed over. Nesting (128) and number of values (16 million) are limited, so that no text can
+/// passed over. Nesting and number of values (16 million) are limited, so that no text can
 /// cost more memory than about a hundred times that.
 /// Errors: `invalid_scene` with line and column, `limit_exceeded`, `canceled`.
-proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text, const std::stop_token&);
+proto::Expected<nlohmann::json> parse_gltf_json(std::string_view text, std::uint32_t max_depth,
+                                                const std::stop_token&);
 
 /// Checks every property of a document that parse_gltf_json returned: presence, type, range, and
 /// that each index has its target. Whole numbers become unsigned integers where integers are due

@@ -161,10 +161,7 @@ Expected<std::vector<PlacedNode>> place_nodes(Document& document, const ImportLi
     open.pop_back();
     const std::string at = node_pointer(visit.node);
     if (visit.depth > limits.node_depth) {
-      return proto::fail(
-          "limit_exceeded",
-          "nodes are nested deeper than " + std::to_string(limits.node_depth) + " levels", "scene",
-          at);
+      return over_limit("nodes are nested too deep", limits.node_depth, "node_depth", at);
     }
     const auto local = local_transform(nodes[visit.node], at);
     if (!local) return Unexpected(local.error());

@@ -82,12 +82,13 @@ class Decoder {
   Expected<void> check_size(ImageSize size, std::int32_t image) {
     if (size.width == 0 || size.height == 0) return broken("the image is empty", image);
     const std::uint64_t pixels = std::uint64_t(size.width) * size.height;
-    if (pixels > limits_.image_pixels || pixels > pixels_left_) {
-      return proto::fail("limit_exceeded",
-                         "an image of " + std::to_string(size.width) + " x " +
-                             std::to_string(size.height) + " pixels is too large",
-                         "scene", image_pointer(image));
-    }
+    const std::string what = "an image of " + std::to_string(size.width) + " x " +
+                             std::to_string(size.height) + " pixels is too large";
+    if (pixels > limits_.image_pixels)
+      return over_limit(what, limits_.image_pixels, "image_pixels", image_pointer(image));
+    if (pixels > pixels_left_)
+      return over_limit(what + " beside the others", limits_.all_image_pixels, "all_image_pixels",
+                        image_pointer(image));
     pixels_left_ -= pixels;
     return {};
   }

@@ -3,9 +3,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <stop_token>
 #include <string>
 
+#include "baker/scene/mapped_file.h"
 #include "baker/scene/scene.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -18,12 +20,20 @@ namespace kiln::baker {
 struct SceneFiles {
   std::filesystem::path main;
   std::map<std::string, std::filesystem::path> side;
+  /// Where it is given, the paths are looked up here, and nothing is opened.
+  std::shared_ptr<const OpenedFiles> opened = nullptr;
 };
 
-/// Limits on what a file may ask for. Checked before memory is taken.
+/// One of the files. Errors: as MappedFile::open.
+proto::Expected<MappedFile> map_file(const SceneFiles&, const std::filesystem::path&,
+                                     std::uint64_t max_bytes);
+
+/// Limits on what a file may ask for. Checked before memory is taken; an error names the limit as
+/// the member is called.
 struct ImportLimits {
   std::uint64_t file_bytes = 1ull << 30;
   std::uint64_t json_bytes = 256ull << 20;
+  std::uint32_t json_depth = 128;
   std::uint32_t nodes = 1'000'000;
   std::uint32_t node_depth = 256;
   std::uint64_t vertices = 64'000'000;

@@ -129,8 +129,8 @@ Expected<void> add_punctual_lights(Scene& scene, Document& document,
     auto light = read_light(model.lights[static_cast<std::size_t>(index)], at);
     if (!light) return Unexpected(light.error());
     if (scene.lights.size() >= limits.lights) {
-      return proto::fail("limit_exceeded", "more than " + std::to_string(limits.lights) + " lights",
-                         "scene", pointer_to("/nodes", node.node));
+      return over_limit("too many lights", limits.lights, "lights",
+                        pointer_to("/nodes", node.node));
     }
     light->position = node.to_world.point({0, 0, 0});
     light->direction = normalize(node.to_world.direction({0, 0, -1}), {0, 0, -1});

@@ -1,5 +1,7 @@
 #include "baker/scene/mapped_file.h"
 
+#include "baker/scene/import.h"
+
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -26,11 +28,16 @@ struct Descriptor {
 
 proto::Expected<MappedFile> MappedFile::open(const std::filesystem::path& path,
                                              std::uint64_t max_bytes) {
-  const std::string name = "\"" + path.filename().string() + "\"";
   // A pipe without a writer must not hold the request up.
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  return map(file.fd, path.filename().string(), max_bytes);
+}
+
+proto::Expected<MappedFile> MappedFile::map(int fd, const std::string& file_name,
+                                            std::uint64_t max_bytes) {
+  const std::string name = "\"" + file_name + "\"";
   struct stat status {};
-  if (file.fd < 0 || ::fstat(file.fd, &status) != 0 || !S_ISREG(status.st_mode)) {
+  if (fd < 0 || ::fstat(fd, &status) != 0 || !S_ISREG(status.st_mode)) {
     return proto::fail("missing_file", "cannot read " + name);
   }
   const auto size = static_cast<std::uint64_t>(status.st_size);
@@ -39,17 +46,36 @@ proto::Expected<MappedFile> MappedFile::open(const std::filesystem::path& path,
                                              " bytes, more than the " + std::to_string(max_bytes) +
                                              " allowed");
   }
-  if (size == 0) return MappedFile(nullptr, 0);
-  void* const data = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.fd, 0);
+  if (size == 0) return MappedFile(nullptr, 0, true);
+  void* const data = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, fd, 0);
   if (data == MAP_FAILED) return proto::fail("missing_file", "cannot map " + name);
-  return MappedFile(static_cast<const char*>(data), size);
+  return MappedFile(static_cast<const char*>(data), size, true);
+}
+
+MappedFile MappedFile::view(std::string_view bytes) {
+  return {bytes.data(), bytes.size(), false};
+}
+
+proto::Expected<MappedFile> map_file(const SceneFiles& files, const std::filesystem::path& path,
+                                     std::uint64_t max_bytes) {
+  if (!files.opened) return MappedFile::open(path, max_bytes);
+  const auto found = files.opened->find(path);
+  if (found == files.opened->end())
+    return proto::fail("missing_file", "cannot read \"" + path.filename().string() + "\"");
+  const std::string_view bytes = found->second.bytes();
+  if (bytes.size() <= max_bytes) return MappedFile::view(bytes);
+  return proto::fail("limit_exceeded", "\"" + path.filename().string() + "\" has " +
+                                           std::to_string(bytes.size()) + " bytes, more than the " +
+                                           std::to_string(max_bytes) + " allowed");
 }
 
 MappedFile::MappedFile(MappedFile&& other) noexcept
-    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
+    : data_(std::exchange(other.data_, nullptr)),
+      size_(std::exchange(other.size_, 0)),
+      owned_(other.owned_) {}
 
 MappedFile::~MappedFile() {
-  if (data_) ::munmap(const_cast<char*>(data_), size_);
+  if (data_ && owned_) ::munmap(const_cast<char*>(data_), size_);
 }
 
 }  // namespace kiln::baker

@@ -3,6 +3,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
 #include <string_view>
 
 #include "proto/expected.h"
@@ -19,6 +22,11 @@ class MappedFile {
   /// can't be read or is no regular file.
   static proto::Expected<MappedFile> open(const std::filesystem::path&, std::uint64_t max_bytes);
 
+  /// An open file; `name` is for messages. The descriptor may be closed afterwards. Same errors.
+  static proto::Expected<MappedFile> map(int fd, const std::string& name, std::uint64_t max_bytes);
+  /// Bytes that someone else owns, and keeps for as long as this.
+  static MappedFile view(std::string_view bytes);
+
   MappedFile(MappedFile&&) noexcept;
   MappedFile& operator=(MappedFile&&) = delete;
   ~MappedFile();
@@ -27,10 +35,16 @@ class MappedFile {
   std::string_view bytes() const { return {data_, size_}; }
 
  private:
-  MappedFile(const char* data, std::size_t size) : data_(data), size_(size) {}
+  MappedFile(const char* data, std::size_t size, bool owned)
+      : data_(data), size_(size), owned_(owned) {}
 
   const char* data_ = nullptr;  ///< nullptr: an empty file
   std::size_t size_ = 0;
+  bool owned_ = true;
 };
+
+/// Files that were opened beforehand, by the path that names them: for a process that may not open
+/// any itself.
+using OpenedFiles = std::map<std::filesystem::path, MappedFile>;
 
 }  // namespace kiln::baker

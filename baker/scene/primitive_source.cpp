@@ -171,11 +171,12 @@ std::string no_triangles(const tinygltf::Primitive& primitive) {
 Expected<void> GeometryBudget::take(std::uint64_t vertices, std::uint64_t triangles,
                                     const std::string& pointer) {
   if (vertices > vertices_ || triangles > triangles_) {
-    return proto::fail("limit_exceeded",
-                       "the scene has too many " +
-                           std::string(triangles > triangles_ ? "triangles" : "vertices") +
-                           ", each use of a mesh counted",
-                       "scene", pointer);
+    constexpr const char* kCounted = ", each use of a mesh counted";
+    if (triangles > triangles_)
+      return over_limit(std::string("too many triangles") + kCounted, limits_.triangles,
+                        "triangles", pointer);
+    return over_limit(std::string("too many vertices") + kCounted, limits_.vertices, "vertices",
+                      pointer);
   }
   vertices_ -= vertices;
   triangles_ -= triangles;

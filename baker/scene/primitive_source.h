@@ -15,13 +15,14 @@ namespace kiln::baker {
 class GeometryBudget {
  public:
   explicit GeometryBudget(const ImportLimits& limits)
-      : vertices_(limits.vertices), triangles_(limits.triangles) {}
+      : limits_(limits), vertices_(limits.vertices), triangles_(limits.triangles) {}
   /// Errors: `limit_exceeded`, with nothing taken.
   proto::Expected<void> take(std::uint64_t vertices, std::uint64_t triangles,
                              const std::string& pointer);
 
  private:
-  std::uint64_t vertices_, triangles_;
+  ImportLimits limits_;
+  std::uint64_t vertices_, triangles_;  ///< that are left
 };
 
 /// A checked glTF primitive that holds triangles, in its own space. Views into the document's

@@ -337,9 +337,10 @@ class Reader {
 std::string import_key(const std::string& scene_key, const ImportLimits& limits) {
   std::string text = LIGHTKILN_VERSION "\n" + std::to_string(kVersion) + "\n" + scene_key + "\n";
   for (const std::uint64_t limit :
-       {limits.file_bytes, limits.json_bytes, std::uint64_t{limits.nodes},
-        std::uint64_t{limits.node_depth}, limits.vertices, limits.triangles, limits.image_pixels,
-        limits.all_image_pixels, std::uint64_t{limits.lights}})
+       {limits.file_bytes, limits.json_bytes, std::uint64_t{limits.json_depth},
+        std::uint64_t{limits.nodes}, std::uint64_t{limits.node_depth}, limits.vertices,
+        limits.triangles, limits.image_pixels, limits.all_image_pixels,
+        std::uint64_t{limits.lights}})
     text += std::to_string(limit) + "\n";
   return proto::sha256_hex(text);
 }

@@ -15,6 +15,7 @@
 #include "server/cli/report.h"
 #include "server/cli/scene_input.h"
 #include "server/cli/settings_input.h"
+#include "server/import/importer.h"
 
 namespace kiln::cli {
 namespace {
@@ -54,6 +55,8 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   auto side = flags.scene.side_files();
   if (!side) return proto::Unexpected(std::move(side.error()));
   input.files = {flags.scene.path, std::move(*side)};
+  // By the service's path, but for its limits: who bakes here has chosen the scene and the machine.
+  input.source = server::Importer({}).open(input.files, input.scene_key, {});
   std::filesystem::create_directories(flags.out, error);
   if (error)
     return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());

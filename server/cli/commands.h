@@ -25,6 +25,7 @@ void add_scene(CLI::App&, Run&);
 void add_settings(CLI::App&, Run&);
 void add_token(CLI::App&, Run&);
 void add_version(CLI::App&, Run&);
+void add_import_stage(CLI::App&, Run&);  ///< hidden: what the others start to read scenes
 
 /// The whole program: parses, runs, returns the exit code.
 int run_program(int argc, char** argv);

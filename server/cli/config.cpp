@@ -136,6 +136,29 @@ const std::vector<ConfigRow>& config_rows() {
       {"max_request_json_bytes", false, "a number of bytes from 1KiB on, such as 4194304 or 4MiB",
        "Largest JSON body or settings part", parse_bytes<&C::max_request_json_bytes, 1024>,
        show_number<&C::max_request_json_bytes>},
+      {"max_scene_triangles", true, "a number from 1 to 1000000000",
+       "Triangles of a scene, each use of a mesh counted; more are refused with limit_exceeded",
+       parse_number<&C::max_scene_triangles, 1, 1'000'000'000>,
+       show_number<&C::max_scene_triangles>},
+      {"max_scene_nodes", true, "a number from 1 to 10000000", "Nodes of a scene",
+       parse_number<&C::max_scene_nodes, 1, 10'000'000>, show_number<&C::max_scene_nodes>},
+      {"max_scene_lights", true, "a number from 0 to 10000000", "Lights of a scene",
+       parse_number<&C::max_scene_lights, 0, 10'000'000>, show_number<&C::max_scene_lights>},
+      {"max_scene_json_depth", true, "a number from 8 to 1000",
+       "Levels of nesting in the JSON of a scene",
+       parse_number<&C::max_scene_json_depth, 8, 1000>, show_number<&C::max_scene_json_depth>},
+      {"max_image_pixels", true, "a number from 1 to 4294967296", "Pixels of one texture",
+       parse_number<&C::max_image_pixels, 1, (1ull << 32)>, show_number<&C::max_image_pixels>},
+      {"max_all_image_pixels", true, "a number from 1 to 17179869184",
+       "Pixels of all textures of a scene together",
+       parse_number<&C::max_all_image_pixels, 1, (1ull << 34)>,
+       show_number<&C::max_all_image_pixels>},
+      {"import_memory_bytes", false, "a number of bytes from 64MiB on, such as 4GiB",
+       "Memory of the process that reads a scene; beyond, the job fails with import_out_of_memory",
+       parse_bytes<&C::import_memory_bytes, (64ull << 20)>, show_number<&C::import_memory_bytes>},
+      {"import_seconds", true, "a number from 1 to 86400",
+       "Seconds that reading a scene may take; beyond, the job fails with import_timeout",
+       parse_number<&C::import_seconds, 1, 86400>, show_number<&C::import_seconds>},
       {"max_running_jobs", true, "a number from 1 to 256", "Jobs that bake at the same time",
        parse_number<&C::max_running_jobs, 1, 256>, show_number<&C::max_running_jobs>},
       {"max_queued_jobs", true, "a number from 1 to 1000000",
@@ -315,9 +338,13 @@ std::string config_text(const LoadedConfig& loaded) {
     const std::string value = row.show(loaded.config);
     const bool bare = !value.empty() && whole_number(value) && row.name != "listen" &&
                       row.name != "admin_listen" && row.name != "data";
-    out += "# " + std::string(row.description) +
-           " (from: " + loaded.origin.at(std::string(row.name)) + ")\n" + std::string(row.name) +
-           " = " + (bare ? value : toml_string(value)) + "\n";
+    // The help breaks long descriptions into lines; each has to be a comment here.
+    std::string description(row.description);
+    for (auto at = description.find('\n'); at != std::string::npos;
+         at = description.find('\n', at + 3))
+      description.replace(at, 1, "\n# ");
+    out += "# " + description + " (from: " + loaded.origin.at(std::string(row.name)) + ")\n" +
+           std::string(row.name) + " = " + (bare ? value : toml_string(value)) + "\n";
   }
   return out;
 }

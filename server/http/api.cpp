@@ -9,6 +9,7 @@
 #include "proto/json_values.h"
 #include "server/http/openapi.h"
 #include "server/http/problem.h"
+#include "server/import/setup.h"
 #include "server/jobs/ids.h"
 
 namespace kiln::server {
@@ -100,7 +101,7 @@ Response Api::get_capabilities(Request&) {
   for (std::size_t i = 0; i < names.size(); ++i)
     document["presets"][names[i].get<std::string>()] = {
         {"target_error", proto::shortest_number(proto::target_error(proto::Preset(i)))}};
-  const baker::ImportLimits import;
+  const baker::ImportLimits import = import_limits(config_);
   document["limits"] = {{"job_seconds", config_.max_job_seconds},
                         {"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
                         {"tenant_running_jobs", config_.max_running_jobs_per_tenant},
@@ -110,6 +111,9 @@ Response Api::get_capabilities(Request&) {
                         {"queued_jobs", config_.max_queued_jobs},
                         {"running_jobs", config_.max_running_jobs},
                         {"scene_json_bytes", import.json_bytes},
+                        {"scene_json_depth", import.json_depth},
+                        {"import_memory_bytes", config_.import_memory_bytes},
+                        {"import_seconds", config_.import_seconds},
                         {"nodes", import.nodes},
                         {"node_depth", import.node_depth},
                         {"vertices", import.vertices},

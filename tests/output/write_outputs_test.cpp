@@ -2,6 +2,7 @@
 #include <limits>
 
 #include "baker/scene/generate.h"
+#include "baker/scene_source.h"
 #include "output/lit_scene.h"
 #include "proto/files.h"
 #include "proto/json.h"
@@ -45,7 +46,8 @@ struct Baked {
     const FilteredLight filtered{light.direct, light.sky, light.indirect,
                                  std::vector<float>(light.size(), 9.f),
                                  std::vector<float>(light.size(), 16.f)};
-    return write_outputs(out(), {files, scene, atlas, texels, light, filtered}, settings, manifest,
+    FilesInProcess source(files);
+    return write_outputs(out(), {source, scene, atlas, texels, light, filtered}, settings, manifest,
                          pool, stop);
   }
 };

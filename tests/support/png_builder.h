@@ -13,13 +13,18 @@ class PngBuilder {
   /// @param rows height times the bytes of one row, without filter bytes
   static std::string encode(std::uint32_t width, std::uint32_t height, int bit_depth,
                             int color_type, const std::string& rows) {
-    std::string header = be32(width) + be32(height);
-    header += {static_cast<char>(bit_depth), static_cast<char>(color_type), 0, 0, 0};
     const std::size_t stride = rows.size() / height;
     std::string raw;
     for (std::uint32_t y = 0; y < height; ++y) raw += '\0' + rows.substr(y * stride, stride);
-    return "\x89PNG\r\n\x1a\n" + chunk("IHDR", header) + chunk("IDAT", zlib(raw)) +
-           chunk("IEND", "");
+    return from_stream(width, height, bit_depth, color_type, zlib(raw));
+  }
+
+  /// @param stream scanlines with their filter bytes, as zlib compressed them
+  static std::string from_stream(std::uint32_t width, std::uint32_t height, int bit_depth,
+                                 int color_type, const std::string& stream) {
+    std::string header = be32(width) + be32(height);
+    header += {static_cast<char>(bit_depth), static_cast<char>(color_type), 0, 0, 0};
+    return "\x89PNG\r\n\x1a\n" + chunk("IHDR", header) + chunk("IDAT", stream) + chunk("IEND", "");
   }
 
  private:

@@ -1,9 +1,7 @@
 #include "baker/output/lit/document.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -43,7 +41,7 @@ LitDocument::~LitDocument() = default;
 
 Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files) {
   std::unique_ptr<LitDocument> doc(new LitDocument(files));
-  auto file = MappedFile::open(files.main, kAnySize);
+  auto file = map_file(files, files.main, kAnySize);
   if (!file) return Unexpected(file.error());
   const auto container = open_container(doc->mapped_.emplace_back(std::move(*file)).bytes());
   if (!container) return Unexpected(container.error());
@@ -74,7 +72,7 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
     } else if (!uri.empty()) {
       const auto path = find_side_file(files_, uri, at + "/uri");
       if (!path) return Unexpected(path.error());
-      auto file = MappedFile::open(*path, kAnySize);
+      auto file = map_file(files_, *path, kAnySize);
       if (!file) return Unexpected(file.error());
       bytes = mapped_.emplace_back(std::move(*file)).bytes();
     }
@@ -150,7 +148,7 @@ std::optional<std::string> LitDocument::image_bytes(const std::string& uri) cons
   }
   const auto path = find_side_file(files_, uri, "");
   if (!path) return std::nullopt;
-  const auto file = MappedFile::open(*path, kAnySize);
+  const auto file = map_file(files_, *path, kAnySize);
   return file ? std::optional(std::string(file->bytes())) : std::nullopt;
 }
 
@@ -194,7 +192,7 @@ std::uint32_t LitDocument::add_view(std::string bytes, int target, std::uint32_t
   return add("bufferViews", std::move(view));
 }
 
-Expected<void> LitDocument::write(const std::filesystem::path& path) {
+Expected<void> LitDocument::write(int fd) {
   json()["buffers"][0]["byteLength"] = binary_.size();
   std::string text = json().dump();
   text.append((4 - text.size() % 4) % 4, ' ');
@@ -202,18 +200,12 @@ Expected<void> LitDocument::write(const std::filesystem::path& path) {
   if (total > kMaxGlb)
     return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
 
-  errno = 0;
-  std::ofstream out(path, std::ios::binary | std::ios::trunc);
-  const auto put = [&](std::string_view bytes) {
-    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  };
-  put(std::string("glTF") + u32_bytes(2) + u32_bytes(total));
-  put(u32_bytes(text.size()) + "JSON");
-  put(text);
-  put(u32_bytes(binary_.size()) + std::string("BIN\0", 4));
-  for (const std::string_view piece : binary_.pieces()) put(piece);
-  out.close();
-  if (!out) return proto::storage_error("write", path);
+  const std::string head = std::string("glTF") + u32_bytes(2) + u32_bytes(total) +
+                           u32_bytes(text.size()) + "JSON" + std::move(text) +
+                           u32_bytes(binary_.size()) + std::string("BIN\0", 4);
+  if (auto ok = proto::write_all(fd, head, "lit.glb"); !ok) return ok;
+  for (const std::string_view piece : binary_.pieces())
+    if (auto ok = proto::write_all(fd, piece, "lit.glb"); !ok) return ok;
   return {};
 }
 

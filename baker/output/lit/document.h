@@ -52,7 +52,7 @@ class LitDocument {
   proto::Expected<SourceAccessor> accessor(std::uint64_t index) const;
 
   /// The whole .glb. Errors: `io_error`, `limit_exceeded` beyond 4 GiB.
-  proto::Expected<void> write(const std::filesystem::path&);
+  proto::Expected<void> write(int fd);
 
  private:
   explicit LitDocument(const SceneFiles& files);

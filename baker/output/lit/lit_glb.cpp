@@ -1,3 +1,5 @@
+#include <fcntl.h>
+
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -5,6 +7,7 @@
 #include "baker/output/lit/geometry.h"
 #include "baker/output/lit/materials.h"
 #include "baker/output/output.h"
+#include "proto/files.h"
 
 namespace kiln::baker {
 namespace {
@@ -268,14 +271,21 @@ void list_extensions(Json& document) {
 
 }  // namespace
 
-Expected<void> write_lit_glb(const std::filesystem::path& path, const SceneFiles& files,
-                             const Scene& scene, const Atlas& atlas,
-                             std::span<const LitPage> pages) {
+Expected<void> write_lit_glb(int fd, const SceneFiles& files, const Scene& scene,
+                             const Atlas& atlas, std::span<const LitPage> pages) {
   auto document = LitDocument::open(files);
   if (!document) return Unexpected(document.error());
   if (auto ok = LitScene(**document, scene, atlas, pages).build(); !ok) return ok;
   list_extensions((*document)->json());
-  return (*document)->write(path);
+  return (*document)->write(fd);
+}
+
+Expected<void> write_lit_glb(const std::filesystem::path& path, const SceneFiles& files,
+                             const Scene& scene, const Atlas& atlas,
+                             std::span<const LitPage> pages) {
+  const proto::Fd file(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
+  if (!file.valid()) return proto::storage_error("create", path);
+  return write_lit_glb(file.get(), files, scene, atlas, pages);
 }
 
 }  // namespace kiln::baker

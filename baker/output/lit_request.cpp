@@ -1,0 +1,137 @@
+#include "baker/output/lit_request.h"
+
+#include <cmath>
+
+#include "baker/scene/flat_file.h"
+
+namespace kiln::baker {
+namespace {
+
+using proto::Expected;
+
+struct SizeRecord {
+  std::uint32_t page_size, page_count;
+};
+struct PlacementRecord {
+  std::uint32_t page, uses_source_uv;
+  Vec2 scale, offset;
+};
+struct PageRecord {
+  float scale, exposure;
+  std::uint32_t exr_bytes, png_bytes;
+};
+using Triangle = std::array<std::uint32_t, 3>;
+
+enum Section : std::size_t {
+  kSize,
+  kVertices,
+  kTriangles,
+  kTrianglePage,
+  kPlacements,
+  kPages,
+  kText,  ///< of each page the name of its EXR and its PNG
+};
+constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
+                                                            sizeof(AtlasVertex),
+                                                            sizeof(Triangle),
+                                                            sizeof(std::uint32_t),
+                                                            sizeof(PlacementRecord),
+                                                            sizeof(PageRecord),
+                                                            1};
+
+/// Both ends are of one build, and nobody keeps the file.
+FlatHeader header() {
+  return {FlatKind::kLitRequest, 1, std::string(64, '-')};
+}
+
+bool read_pages(LitRequest& out, const FlatFile& file) {
+  std::string_view text = file.bytes(kText);
+  for (const PageRecord& r : file.records<PageRecord>(kPages)) {
+    if (r.exr_bytes > text.size() || r.png_bytes > text.size() - r.exr_bytes) return false;
+    LitPage page;
+    page.exr = text.substr(0, r.exr_bytes);
+    page.png = text.substr(r.exr_bytes, r.png_bytes);
+    page.scale = r.scale;
+    page.exposure = r.exposure;
+    if (!std::isfinite(page.scale) || !std::isfinite(page.exposure)) return false;
+    text.remove_prefix(std::size_t{r.exr_bytes} + r.png_bytes);
+    out.pages.push_back(std::move(page));
+  }
+  return text.empty() && out.pages.size() == out.atlas.page_count;
+}
+
+bool read_placements(Atlas& atlas, const FlatFile& file) {
+  for (const PlacementRecord& r : file.records<PlacementRecord>(kPlacements)) {
+    if (r.page >= atlas.page_count || r.uses_source_uv > 1) return false;
+    InstancePlacement placed;
+    placed.page = r.page;
+    placed.uses_source_uv = r.uses_source_uv != 0;
+    placed.scale = r.scale;
+    placed.offset = r.offset;
+    atlas.placements.push_back(std::move(placed));
+  }
+  return true;
+}
+
+/// Whether every index is in range, and all arrays are as long as the scene has it.
+bool fits(const Atlas& atlas, const Scene& scene) {
+  if (atlas.triangles.size() != scene.triangles.size() ||
+      atlas.triangle_chart.size() != scene.triangles.size() ||
+      atlas.placements.size() != scene.instances.size())
+    return false;
+  for (const AtlasVertex& v : atlas.vertices)
+    if (v.scene_vertex >= scene.positions.size()) return false;
+  for (const Triangle& t : atlas.triangles)
+    for (const std::uint32_t v : t)
+      if (v >= atlas.vertices.size()) return false;
+  for (const std::uint32_t page : atlas.triangle_chart)
+    if (page >= atlas.page_count) return false;
+  return true;
+}
+
+}  // namespace
+
+Expected<void> write_lit_request(int fd, const Atlas& atlas, std::span<const LitPage> pages) {
+  const std::vector<SizeRecord> size{{atlas.page_size, atlas.page_count}};
+  std::vector<std::uint32_t> triangle_page(atlas.triangles.size());
+  for (std::uint32_t t = 0; t < triangle_page.size(); ++t) triangle_page[t] = atlas.page_of(t);
+  std::vector<PlacementRecord> placements;
+  for (const InstancePlacement& p : atlas.placements)
+    placements.push_back({p.page, p.uses_source_uv, p.scale, p.offset});
+  std::vector<PageRecord> records;
+  std::string text;
+  for (const LitPage& p : pages) {
+    records.push_back(
+        {p.scale, p.exposure, std::uint32_t(p.exr.size()), std::uint32_t(p.png.size())});
+    text += p.exr;
+    text += p.png;
+  }
+  const std::array<FlatSection, kText + 1> sections{
+      flat_section(size),          flat_section(atlas.vertices), flat_section(atlas.triangles),
+      flat_section(triangle_page), flat_section(placements),     flat_section(records),
+      FlatSection{1, text}};
+  return write_flat(fd, header(), sections);
+}
+
+Expected<LitRequest> read_lit_request(std::string_view bytes, const Scene& scene) {
+  const auto file = FlatFile::open(bytes, header(), kRecordBytes);
+  if (!file) return proto::Unexpected(file.error());
+  const auto size = file->records<SizeRecord>(kSize);
+  constexpr std::uint32_t kMaxPages = 1 << 16;
+  if (size.size() != 1 || size[0].page_size == 0 || size[0].page_count > kMaxPages)
+    return bad_flat_file("its pages");
+  LitRequest out;
+  Atlas& atlas = out.atlas;
+  atlas.page_size = size[0].page_size;
+  atlas.page_count = size[0].page_count;
+  atlas.vertices = file->records<AtlasVertex>(kVertices);
+  atlas.triangles = file->records<Triangle>(kTriangles);
+  atlas.triangle_chart = file->records<std::uint32_t>(kTrianglePage);
+  atlas.charts.resize(atlas.page_count);
+  for (std::uint32_t p = 0; p < atlas.page_count; ++p) atlas.charts[p].page = p;
+  if (!read_placements(atlas, *file) || !fits(atlas, scene) || !read_pages(out, *file))
+    return bad_flat_file("the atlas does not fit the scene");
+  return out;
+}
+
+}  // namespace kiln::baker

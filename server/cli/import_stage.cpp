@@ -1,0 +1,17 @@
+#include <CLI/CLI.hpp>
+
+#include "server/cli/commands.h"
+#include "server/import/child.h"
+
+namespace kiln::cli {
+
+void add_import_stage(CLI::App& app, Run& run) {
+  auto parent = std::make_shared<int>(0);
+  auto* command = app.add_subcommand("import-stage", "");
+  command->group("");  // not for people: kept out of the help
+  command->add_option("PID", *parent)->required();
+  command->callback(
+      [parent, &run] { run = [parent]() -> int { server::run_import_stage(*parent); }; });
+}
+
+}  // namespace kiln::cli

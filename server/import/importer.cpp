@@ -1,0 +1,218 @@
+#include "server/import/importer.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "baker/output/lit_request.h"
+#include "baker/scene/scene_file.h"
+#include "proto/files.h"
+#include "proto/json.h"
+#include "proto/sha256.h"
+
+namespace kiln::server {
+namespace {
+
+namespace fs = std::filesystem;
+using proto::Expected;
+using proto::Fd;
+using proto::Unexpected;
+
+constexpr std::uint64_t kAnyLength = std::numeric_limits<std::uint64_t>::max();
+constexpr const char* kSuffix = ".scene";
+/// JPEGs decode to about ten times their size.
+constexpr std::uint64_t kAlwaysKept = 16ull << 20, kKeptPerByte = 16;
+
+/// A file that goes with its last descriptor.
+Expected<Fd> file_in_memory(const char* name) {
+  Fd file(::memfd_create(name, MFD_CLOEXEC));
+  if (!file.valid()) return proto::storage_error("create", name);
+  return file;
+}
+
+/// A scene file that is open, checked and read.
+struct ReadScene {
+  Fd file;
+  baker::Scene scene;
+};
+
+Expected<ReadScene> read_scene(Fd file, const std::string& key, const std::stop_token& stop) {
+  const auto mapped = baker::MappedFile::map(file.get(), "scene file", kAnyLength);
+  if (!mapped) return Unexpected(mapped.error());
+  auto scene = baker::read_scene_file(mapped->bytes(), key, stop);
+  if (!scene) return Unexpected(scene.error());
+  return ReadScene{std::move(file), std::move(*scene)};
+}
+
+/// SHA-256 of a file; "" when it can't be read, or a stop was requested.
+std::string digest_of(int fd, const std::stop_token& stop) {
+  constexpr std::size_t kPiece = std::size_t{8} << 20;
+  const auto mapped = baker::MappedFile::map(fd, "scene file", kAnyLength);
+  if (!mapped) return "";
+  proto::Sha256 hash;
+  for (std::string_view left = mapped->bytes(); !left.empty();) {
+    if (stop.stop_requested()) return "";
+    hash.update(left.substr(0, kPiece));
+    left.remove_prefix(std::min(kPiece, left.size()));
+  }
+  return hash.hex();
+}
+
+class IsolatedSource final : public baker::SceneSource {
+ public:
+  IsolatedSource(const Importer::Options& options, baker::SceneFiles files,
+                 const std::string& scene_key, fs::path cache)
+      : options_(options),
+        files_(std::move(files)),
+        key_(baker::import_key(scene_key, options_.limits)),
+        cache_(std::move(cache)) {}
+
+  Expected<baker::Scene> import(std::stop_token stop) override {
+    if (auto kept = find_kept(stop)) return std::move(*kept);
+    return make(stop);
+  }
+
+  Expected<void> write_lit(const fs::path& path, const baker::Scene&, const baker::Atlas& atlas,
+                           std::span<const baker::LitPage> pages, std::stop_token stop) override {
+    const Fd product(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
+    if (!product.valid()) return proto::storage_error("create", path);
+    const auto request = file_in_memory("lit-request");
+    if (!request) return Unexpected(request.error());
+    if (auto ok = baker::write_lit_request(request->get(), atlas, pages); !ok) return ok;
+    ImportJob job = job_for(ImportWork::kLit);
+    job.product = product.get();
+    job.scene = scene_file_.get();
+    job.lit = request->get();
+    const auto done = run_import_process(options_.process, job, std::move(stop));
+    if (!done) return Unexpected(done.error());
+    return {};
+  }
+
+ private:
+  ImportJob job_for(ImportWork work) const {
+    ImportJob job;
+    job.work = work;
+    job.key = key_;
+    job.limits = options_.limits;
+    job.files = files_;
+    return job;
+  }
+
+  /// Of an earlier bake; nothing when there is none that can be used.
+  std::optional<baker::Scene> find_kept(const std::stop_token& stop) {
+    std::error_code error;
+    if (cache_.empty()) return std::nullopt;
+    for (fs::directory_iterator at(cache_, error), end; !error && at != end; at.increment(error)) {
+      if (at->path().extension() != kSuffix) continue;
+      Fd file(::open(at->path().c_str(), O_RDONLY | O_CLOEXEC));
+      if (digest_of(file.get(), stop) != at->path().stem().string()) continue;
+      auto read = read_scene(std::move(file), key_, stop);
+      if (!read) continue;
+      scene_file_ = std::move(read->file);
+      return std::move(read->scene);
+    }
+    return std::nullopt;
+  }
+
+  Expected<baker::Scene> make(const std::stop_token& stop) {
+    const fs::path temporary = cache_.empty() ? fs::path() : options_.new_temporary();
+    auto made = make_at(temporary, stop);
+    if (!made && !temporary.empty()) ::unlink(temporary.c_str());
+    return made;
+  }
+
+  Expected<baker::Scene> make_at(const fs::path& temporary, const std::stop_token& stop) {
+    Fd product;
+    if (temporary.empty()) {
+      auto file = file_in_memory("scene");
+      if (!file) return Unexpected(file.error());
+      product = std::move(*file);
+    } else {
+      product = Fd(::open(temporary.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
+      if (!product.valid()) return proto::storage_error("create", temporary);
+    }
+    ImportJob job = job_for(ImportWork::kImport);
+    job.product = product.get();
+    const auto done = run_import_process(options_.process, job, stop);
+    if (!done) return Unexpected(done.error());
+    auto read = read_scene(std::move(product), key_, stop);
+    if (!read && read.error().code == "bad_document") return lied(read.error().message);
+    if (!read) return Unexpected(read.error());
+    if (!temporary.empty())
+      if (auto kept = keep(temporary, read->file.get(), stop); !kept)
+        return Unexpected(kept.error());
+    scene_file_ = std::move(read->file);
+    return std::move(read->scene);
+  }
+
+  Unexpected lied(const std::string& how) const {
+    if (options_.process.failed) options_.process.failed(how, "");
+    return proto::fail("import_crashed",
+                       "The process that read the scene left something else than a scene: " + how);
+  }
+
+  /// Whether a file of that size may stay longer than this bake.
+  bool is_worth_keeping(std::uint64_t bytes) const {
+    std::error_code error;
+    std::uint64_t upload = fs::file_size(files_.main, error);
+    for (const auto& [name, path] : files_.side) upload += fs::file_size(path, error);
+    return !error && bytes <= kAlwaysKept + kKeptPerByte * upload;
+  }
+
+  /// Gives the file its name; those of other versions or limits go. Or unlinks it: it then lives as
+  /// long as its descriptor.
+  Expected<void> keep(const fs::path& temporary, int fd, const std::stop_token& stop) const {
+    if (!is_worth_keeping(std::uint64_t(::lseek(fd, 0, SEEK_END)))) {
+      ::unlink(temporary.c_str());
+      return {};
+    }
+    if (auto synced = proto::sync_file(temporary); !synced) return synced;
+    const std::string digest = digest_of(fd, stop);
+    if (digest.empty()) return proto::fail(proto::kCanceledCode, "canceled");
+    const fs::path name = cache_ / (digest + kSuffix);
+    if (::rename(temporary.c_str(), name.c_str()) != 0)
+      return proto::storage_error("rename", temporary);
+    std::error_code error;
+    for (fs::directory_iterator at(cache_, error), end; !error && at != end; at.increment(error))
+      if (at->path().extension() == kSuffix && at->path() != name) ::unlink(at->path().c_str());
+    return proto::sync_folder(cache_);
+  }
+
+  const Importer::Options options_;
+  baker::SceneFiles files_;
+  std::string key_;
+  fs::path cache_;
+  Fd scene_file_;  ///< what import() read; write_lit() gives it along
+};
+
+}  // namespace
+
+Expected<Confinement> Importer::probe() const {
+  return run_import_process(options_.process, {}, {});
+}
+
+Expected<void> Importer::check(const baker::SceneFiles& files, const proto::BakeSettings& settings,
+                               std::stop_token stop) const {
+  ImportJob job;
+  job.work = ImportWork::kCheck;
+  job.settings = proto::to_text(proto::to_json(settings));
+  job.limits = options_.limits;
+  job.files = files;
+  const auto done = run_import_process(options_.process, job, std::move(stop));
+  if (!done) return Unexpected(done.error());
+  return {};
+}
+
+std::shared_ptr<baker::SceneSource> Importer::open(baker::SceneFiles files,
+                                                   const std::string& scene_key,
+                                                   fs::path cache) const {
+  return std::make_shared<IsolatedSource>(options_, std::move(files), scene_key, std::move(cache));
+}
+
+}  // namespace kiln::server

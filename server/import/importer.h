@@ -1,0 +1,50 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <stop_token>
+#include <string>
+
+#include "baker/scene_source.h"
+#include "server/import/supervisor.h"
+
+namespace kiln::server {
+
+/// Reads uploads in processes of their own (supervisor.h): this one never decodes a byte of them,
+/// it maps the scene files that come out and checks every number in those. Thread-safe.
+///
+/// lit.glb repeats the upload's document and images. It is made by such a process as well, in a
+/// second run: were the document carried along in the scene file, this process would have to parse
+/// it again, and a process that was taken over could have written it.
+class Importer {
+ public:
+  struct Options {
+    ImportProcessOptions process;
+    baker::ImportLimits limits;
+    /// Names for files that are about to be renamed, on the disk of the caches that open() is
+    /// given. Not asked for without a cache.
+    std::function<std::filesystem::path()> new_temporary;
+  };
+  explicit Importer(Options options) : options_(std::move(options)) {}
+
+  /// Starts a process that does nothing. Errors: those of starting one.
+  proto::Expected<Confinement> probe() const;
+
+  /// As baker::check_scene().
+  proto::Expected<void> check(const baker::SceneFiles&, const proto::BakeSettings&,
+                              std::stop_token = {}) const;
+
+  /// For one bake. `scene_key` names the content of all files. The scene file is kept in the folder
+  /// `cache`, by its SHA-256 as <digest>.scene, and found there by the next bake of that scene;
+  /// with an empty path it lies in memory. What was kept is used only when its bytes have the
+  /// digest of its name. Not kept is a file that is out of proportion to the upload: an image of
+  /// some kilobytes may decode to a gigabyte, and a disk is soon filled with those.
+  std::shared_ptr<baker::SceneSource> open(baker::SceneFiles, const std::string& scene_key,
+                                           std::filesystem::path cache) const;
+
+ private:
+  Options options_;
+};
+
+}  // namespace kiln::server

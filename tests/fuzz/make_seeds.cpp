@@ -1,0 +1,176 @@
+// Writes the inputs that fuzzing starts from: fuzz_seeds FOLDER makes FOLDER/<target>/<number>.
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "baker/scene/generate.h"
+#include "baker/scene/import.h"
+#include "fuzz/scene_bytes.h"
+#include "proto/json.h"
+#include "support/gltf_builder.h"
+#include "support/png_builder.h"
+
+using namespace kiln;
+namespace fs = std::filesystem;
+
+namespace {
+
+class Seeds {
+ public:
+  Seeds(const fs::path& root, const char* target) : folder_(root / target) {
+    fs::create_directories(folder_);
+  }
+  void add(const std::string& bytes) {
+    std::ofstream out(folder_ / std::to_string(next_++), std::ios::binary);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    FUZZ_REQUIRE(out.flush());
+  }
+
+ private:
+  fs::path folder_;
+  int next_ = 0;
+};
+
+/// Documents with one of each thing that the importer knows.
+std::vector<std::string> documents() {
+  std::vector<std::string> out;
+  test::GltfBuilder rich = test::triangle_builder();
+  auto& primitive = rich.json["meshes"][0]["primitives"][0];
+  primitive["attributes"]["NORMAL"] = rich.accessor<float>({0, 0, 1, 0, 0, 1, 0, 0, 1}, 3);
+  primitive["attributes"]["TEXCOORD_0"] = rich.accessor<std::uint16_t>({0, 0, 9, 0, 0, 9}, 2, true);
+  primitive["attributes"]["TEXCOORD_1"] = rich.accessor<float>({0, 0, 1, 0, 0, 1}, 2);
+  primitive["attributes"]["COLOR_0"] =
+      rich.accessor<std::uint8_t>({9, 9, 9, 255, 9, 9, 9, 255, 9, 9, 9, 255}, 4, true);
+  primitive["indices"] = rich.accessor<std::uint16_t>({0, 1, 2}, 1);
+  rich.add("samplers", {{"wrapS", 33648}, {"wrapT", 33071}, {"magFilter", 9728}});
+  rich.add("textures",
+           {{"source", rich.image(test::PngBuilder::encode(2, 2, 8, 6, std::string(16, '\x70')),
+                                  "image/png")},
+            {"sampler", 0}});
+  rich.material(
+      {{"pbrMetallicRoughness",
+        {{"baseColorFactor", {0.5, 0.5, 0.5, 1}},
+         {"baseColorTexture",
+          {{"index", 0},
+           {"extensions",
+            {{"KHR_texture_transform",
+              {{"offset", {0.1, 0.2}}, {"rotation", 1}, {"scale", {2, 2}}}}}}}}}},
+       {"emissiveFactor", {1, 1, 1}},
+       {"emissiveTexture", {{"index", 0}, {"texCoord", 1}}},
+       {"alphaMode", "MASK"},
+       {"doubleSided", true},
+       {"extensions", {{"KHR_materials_emissive_strength", {{"emissiveStrength", 20}}}}}});
+  primitive["material"] = 0;
+  rich.json["extensions"]["KHR_lights_punctual"]["lights"] = {
+      {{"type", "spot"}, {"intensity", 10}, {"range", 5}, {"spot", {{"outerConeAngle", 0.5}}}},
+      {{"type", "directional"}, {"color", {1, 0.5, 0}}}};
+  rich.json["extensionsUsed"] = {"KHR_lights_punctual", "KHR_texture_transform"};
+  rich.node({{"children",
+              {rich.node({{"translation", {0, 1, 0}},
+                          {"rotation", {0, 0, 0, 1}},
+                          {"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}}})}},
+             {"matrix", {2, 0, 0, 0, 0, 2, 0, 0, 0, 0, -2, 0, 1, 2, 3, 1}},
+             {"mesh", 0}});
+  out.push_back(rich.glb());
+  out.push_back(rich.gltf());
+
+  test::GltfBuilder sparse = test::triangle_builder();
+  const std::vector<std::uint16_t> index{1};
+  const std::vector<float> value{2, 0, 0};
+  const int indices = sparse.view(index.data(), 2), values = sparse.view(value.data(), 12);
+  sparse.json["accessors"][0]["sparse"] = {
+      {"count", 1},
+      {"indices", {{"bufferView", indices}, {"componentType", 5123}}},
+      {"values", {{"bufferView", values}}}};
+  sparse.json["meshes"][0]["primitives"][0]["mode"] = 5;
+  out.push_back(sparse.glb());
+
+  test::GltfBuilder side = test::triangle_builder();
+  side.json["buffers"] = {{{"byteLength", side.binary.size()}, {"uri", "a.bin"}}};
+  out.push_back(side.document(false).dump());
+  for (const int depth : {1, 2, 4, 16}) {
+    test::GltfBuilder image = test::triangle_builder();
+    image.add("textures",
+              {{"source", image.image(test::PngBuilder::encode(
+                                          2, 1, depth, 0, std::string(depth == 16 ? 4 : 2, '\x55')),
+                                      "image/png")}});
+    image.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}});
+    image.json["meshes"][0]["primitives"][0]["material"] = 0;
+    out.push_back(image.glb());
+  }
+  return out;
+}
+
+void make_scenes(const fs::path& root) {
+  constexpr std::size_t kMaxSeed = 64 << 10;
+  Seeds gltf(root, "gltf"), scene_file(root, "scene_file");
+  const auto add = [&](const std::string& bytes) {
+    if (bytes.size() > kMaxSeed) return;
+    gltf.add(bytes);
+    baker::SceneFiles files;
+    auto opened = std::make_shared<baker::OpenedFiles>();
+    opened->emplace("main", baker::MappedFile::view(bytes));
+    files.main = "main";
+    files.opened = opened;
+    auto scene = baker::import_files(files);
+    if (!scene) return;
+    scene->warnings.push_back({"code", "/nodes/0", "message"});
+    scene_file.add(fuzz::scene_bytes(*scene));
+  };
+  for (const auto& generator : baker::generators())
+    add(baker::generate_glb(generator.name, 1).value_or(""));
+  for (const auto& document : documents()) add(document);
+}
+
+void make_settings(const fs::path& root) {
+  Seeds seeds(root, "settings");
+  const auto all = proto::to_json(proto::BakeSettings{});
+  seeds.add(proto::to_text(all));
+  for (const auto& [name, value] : all.items()) seeds.add(proto::to_text({{name, value}}));
+  seeds.add(
+      R"({"lights":[{"type":"spot","position":[1,2,3],"direction":[0,-1,0],"intensity":5},{"type":"rect","width":2}]})");
+  seeds.add(R"({"priority":10,"labels":{"level":"yard"},"ttl_seconds":60,"dedupe":false})");
+  seeds.add(
+      R"({"type":"t","title":"t","status":422,"code":"c","detail":"d","errors":[{"source":"scene","pointer":"/a","detail":"x"}]})");
+}
+
+void make_requests(const fs::path& root) {
+  Seeds seeds(root, "http");
+  const std::string form =
+      "--B\r\nContent-Disposition: form-data; name=\"scene\"; filename=\"a.glb\"\r\n"
+      "Content-Type: model/gltf-binary\r\n\r\nglTF\r\n"
+      "--B\r\nContent-Disposition: form-data; name=settings\r\n\r\n{}\r\n--B--\r\n";
+  const std::string post =
+      "POST /v1/jobs?a=b%20c HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; "
+      "boundary=B\r\n";
+  const auto hex = [](std::size_t n) {
+    char text[20];
+    std::snprintf(text, sizeof text, "%zx", n);
+    return std::string(text);
+  };
+  for (const char piece : {'\0', '\5', '\xff'}) {
+    const std::string first(1, piece);
+    seeds.add(first +
+              "GET /v1/jobs/job_x/events?after=7 HTTP/1.1\r\nHost: x\r\nLast-Event-ID: 7\r\n\r\n");
+    seeds.add(first + post + "Content-Length: " + std::to_string(form.size()) + "\r\n\r\n" + form);
+    seeds.add(first + post + "Transfer-Encoding: chunked\r\n\r\n" + hex(10) + "\r\n" +
+              form.substr(0, 10) + "\r\n" + hex(form.size() - 10) + ";x=y\r\n" + form.substr(10) +
+              "\r\n0\r\nA: b\r\n\r\n");
+    seeds.add(
+        first +
+        "PATCH /v1/jobs/j HTTP/1.1\r\nHost: x\r\nIf-Match: \"3\"\r\nContent-Length: 2\r\n\r\n{}");
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fputs("usage: fuzz_seeds FOLDER\n", stderr);
+    return 2;
+  }
+  make_scenes(argv[1]);
+  make_settings(argv[1]);
+  make_requests(argv[1]);
+  return 0;
+}

@@ -1,0 +1,503 @@
+// The process that decodes uploads: what it may do, what its deaths and lies do to a job, and that
+// a bake by way of it has the same bits.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <fstream>
+#include <future>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include "baker/bake.h"
+#include "baker/scene/generate.h"
+#include "http/program.h"
+#include "server/import/importer.h"
+#include "support/gltf_builder.h"
+#include "support/png_builder.h"
+#include "support/sanitizer.h"
+#include "support/temp_files.h"
+
+namespace kiln::server {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using test::TempFolder;
+
+constexpr bool kHasMemoryLimit = test::kSlowdown == 1;  // sanitizers have none
+
+std::string process_file(pid_t pid, const char* name) {
+  std::ifstream in("/proc/" + std::to_string(pid) + "/" + name);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+/// The value of a line "Name:\tvalue" of /proc/PID/status.
+std::string status_of(pid_t pid, const std::string& name) {
+  std::istringstream lines(process_file(pid, "status"));
+  for (std::string line; std::getline(lines, line);)
+    if (line.starts_with(name + ":"))
+      return line.substr(line.find_first_not_of(" \t", name.size() + 1));
+  return "";
+}
+
+/// A PNG of a few kilobytes that takes 4 * side^2 bytes and a while to decode.
+std::string large_png(std::uint32_t side) {
+  const std::string rows((std::size_t{side} / 8 + 1) * side, '\0');
+  uLongf size = compressBound(rows.size());
+  std::string stream(size, '\0');
+  EXPECT_EQ(compress2(reinterpret_cast<Bytef*>(stream.data()), &size,
+                      reinterpret_cast<const Bytef*>(rows.data()), rows.size(), 1),
+            Z_OK);
+  stream.resize(size);
+  return test::PngBuilder::from_stream(side, side, 1, 0, stream);
+}
+
+/// A triangle with a texture, under a lamp.
+std::string textured_glb(const std::string& png) {
+  test::GltfBuilder b = test::triangle_builder();
+  b.add("textures", {{"source", b.image(png, "image/png")}});
+  b.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}},
+              {"emissiveFactor", {1, 1, 1}}});
+  b.json["meshes"][0]["primitives"][0]["material"] = 0;
+  return b.glb();
+}
+
+/// Takes between half a second and some seconds to import.
+const std::string& slow_glb() {
+  static const std::string glb = textured_glb(large_png(12'000));
+  return glb;
+}
+
+struct Scene {
+  TempFolder folder;
+  baker::SceneFiles files;
+  explicit Scene(const std::string& glb) { files.main = folder.write("scene.glb", glb); }
+};
+
+/// An importer with the built program, that counts and remembers its processes.
+struct Isolated {
+  TempFolder folder;
+  std::atomic<pid_t> pid{0};
+  std::atomic<int> started{0};
+  std::string failed, said;
+  Importer::Options options;
+
+  Isolated() {
+    options.process.program = LIGHTKILN_BINARY;
+    options.process.seconds = 60;
+    options.process.started = [this](pid_t now) {
+      ++started;
+      pid = now;
+    };
+    options.process.failed = [this](const std::string& reason, const std::string& words) {
+      failed = reason;
+      said = words;
+    };
+    options.new_temporary = [this] { return folder.path() / ("t" + std::to_string(started)); };
+    fs::create_directories(cache());
+  }
+  fs::path cache() const { return folder.path() / "cache"; }
+  std::vector<fs::path> cached() const {
+    std::vector<fs::path> files;
+    for (const auto& entry : fs::directory_iterator(cache())) files.push_back(entry.path());
+    return files;
+  }
+  proto::Expected<baker::Scene> import(const baker::SceneFiles& files, std::stop_token stop = {}) {
+    return Importer(options).open(files, "key", cache())->import(std::move(stop));
+  }
+  std::string code_of(const baker::SceneFiles& files) {
+    const auto scene = import(files);
+    return scene ? "" : scene.error().code;
+  }
+  /// The process once it is confined and decodes.
+  pid_t confined_pid() const {
+    for (int i = 0; i < 20'000; ++i, std::this_thread::sleep_for(1ms))
+      if (const pid_t now = pid;
+          now > 0 && status_of(now, "NoNewPrivs") == "1" && status_of(now, "Seccomp") == "2")
+        return now;
+    return -1;
+  }
+};
+
+TEST(ImportProcess, BakesTheSameBits) {
+  for (const char* name : {"cornell", "room_textured"}) {
+    const Scene scene(baker::generate_glb(name).value());
+    std::vector<std::string> exr, lit;
+    Isolated isolated;
+    for (const bool in_process : {true, false}) {
+      const TempFolder out;
+      baker::BakeInput input;
+      input.files = scene.files;
+      input.output_dir = out.path();
+      input.settings.atlas.page_size = 64;
+      input.settings.solver.samples = 16;
+      if (!in_process) input.source = Importer(isolated.options).open(scene.files, "key", {});
+      baker::ThreadPool pool(2);
+      baker::BakeObserver quiet;
+      const auto manifest = baker::bake(input, pool, {}, quiet);
+      ASSERT_TRUE(manifest) << manifest.error().message;
+      exr.push_back(test::read_bytes(out.path() / "page_00.exr"));
+      lit.push_back(test::read_bytes(out.path() / "lit.glb"));
+    }
+    EXPECT_EQ(isolated.started, 2) << "one for the scene, one for lit.glb";
+    EXPECT_GT(exr[0].size(), 1000u);
+    EXPECT_TRUE(exr[0] == exr[1]) << name;
+    EXPECT_TRUE(lit[0] == lit[1]) << name;
+  }
+}
+
+TEST(ImportProcess, KeepsSceneFilesByTheirDigest) {
+  Isolated isolated;
+  const Scene scene(baker::generate_glb("cornell").value());
+  ASSERT_EQ(isolated.code_of(scene.files), "");
+  ASSERT_EQ(isolated.cached().size(), 1u);
+  const fs::path file = isolated.cached().front();
+  EXPECT_EQ(file.filename().string(), proto::digest_file(file)->sha256 + ".scene");
+  ASSERT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_EQ(isolated.started, 1) << "the second bake reads what the first one left";
+
+  std::string bytes = test::read_bytes(file);
+  bytes[bytes.size() / 2] ^= 1;  // a coordinate, say: valid, but another one
+  std::ofstream(file, std::ios::binary) << bytes;
+  ASSERT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_EQ(isolated.started, 2) << "a damaged file is not used";
+  EXPECT_EQ(proto::digest_file(file)->sha256 + ".scene", file.filename().string())
+      << "but replaced";
+
+  isolated.options.limits.triangles = 1000;
+  ASSERT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_EQ(isolated.started, 3) << "other limits, another import";
+  EXPECT_EQ(isolated.cached().size(), 1u);
+  EXPECT_NE(isolated.cached().front(), file);
+  isolated.options.limits.triangles = 3;
+  EXPECT_EQ(isolated.code_of(scene.files), "limit_exceeded");
+}
+
+TEST(ImportProcess, DoesNotKeepWhatIsOutOfProportion) {
+  Isolated isolated;
+  const Scene scene(textured_glb(large_png(3000)));  // 36 MB of texels from some kilobytes
+  ASSERT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_TRUE(isolated.cached().empty());
+  EXPECT_FALSE(fs::exists(isolated.folder.path() / "t0"));
+}
+
+TEST(ImportProcess, ErrorsOfTheSceneComeThrough) {
+  Isolated isolated;
+  const Scene broken("glTF nonsense"), dark(baker::generate_glb("sphere_on_plane").value());
+  const auto direct = baker::check_scene(broken.files, {});
+  const auto isolated_check = Importer(isolated.options).check(broken.files, {});
+  ASSERT_FALSE(isolated_check);
+  EXPECT_EQ(isolated_check.error().code, direct.error().code);
+  EXPECT_EQ(isolated_check.error().message, direct.error().message);
+  ASSERT_EQ(isolated_check.error().details.size(), direct.error().details.size());
+  EXPECT_EQ(isolated_check.error().details[0].pointer, direct.error().details[0].pointer);
+  EXPECT_EQ(Importer(isolated.options).check(dark.files, {}).error().code, "no_light");
+  proto::BakeSettings settings;
+  settings.allow_dark = true;
+  EXPECT_TRUE(Importer(isolated.options).check(dark.files, settings));
+  EXPECT_EQ(isolated.failed, "") << "the process did not fail, the scene did";
+}
+
+TEST(ImportProcess, SideFilesAreGivenAlong) {
+  Isolated isolated;
+  test::GltfBuilder b = test::triangle_builder();
+  b.material({{"emissiveFactor", {1, 1, 1}}});
+  b.json["meshes"][0]["primitives"][0]["material"] = 0;
+  const std::string binary = b.binary;
+  b.json["buffers"] = {{{"byteLength", binary.size()}, {"uri", "data/a%20b.bin"}}};
+  const TempFolder folder;
+  baker::SceneFiles files;
+  files.main = folder.write("scene.gltf", b.document(false).dump());
+  EXPECT_EQ(isolated.code_of(files), "missing_file");
+  files.side["data/a b.bin"] = folder.write("blob", binary);
+  files.side["unused"] = folder.write("empty", "");
+  EXPECT_EQ(isolated.code_of(files), "");
+}
+
+TEST(ImportProcess, IsConfined) {
+  Isolated isolated;
+  isolated.options.process.memory_bytes = 3ull << 30;
+  const Scene scene(slow_glb());
+  // Two descriptors that someone forgot to mark, one of them beyond all that it gets.
+  const int forgotten = ::memfd_create("forgotten", 0);
+  const int far = ::fcntl(forgotten, F_DUPFD, 200);
+  auto outcome = std::async(std::launch::async, [&] { return isolated.import(scene.files); });
+  const pid_t pid = isolated.confined_pid();
+  ASSERT_GT(pid, 0);
+  ::kill(pid, SIGSTOP);
+  std::set<std::string> open;
+  for (const auto& entry : fs::directory_iterator("/proc/" + std::to_string(pid) + "/fd"))
+    open.insert(entry.path().filename().string() + " " + fs::read_symlink(entry).string());
+  const std::string limits = process_file(pid, "limits"),
+                    environment = process_file(pid, "environ");
+  const std::string score = process_file(pid, "oom_score_adj");
+  ::kill(pid, SIGKILL);
+  const auto scene_or_error = outcome.get();
+  ::close(forgotten);
+  ::close(far);
+
+  EXPECT_EQ(open.size(), 3u) << "answer, words, product";
+  for (const std::string& file : open) {
+    EXPECT_EQ(file.find("forgotten"), std::string::npos) << file;
+    EXPECT_EQ(file.find("scene.glb"), std::string::npos) << file << ": mapped and closed";
+  }
+  const auto limit = [&](const std::string& name) {
+    std::istringstream lines(limits);
+    for (std::string line; std::getline(lines, line);)
+      if (line.starts_with(name)) return line.substr(26, line.find(' ', 26) - 26);
+    return std::string("no such line");
+  };
+  EXPECT_EQ(limit("Max cpu time"), "60");
+  EXPECT_EQ(limit("Max open files"), "0");
+  EXPECT_EQ(limit("Max processes"), "0");
+  EXPECT_EQ(limit("Max core file size"), "0");
+  EXPECT_EQ(limit("Max file size"), std::to_string(3ull << 30));
+  if (kHasMemoryLimit) {
+    EXPECT_EQ(limit("Max data size"), std::to_string(3ull << 30));
+    EXPECT_NE(limit("Max address space"), "unlimited");
+  }
+  EXPECT_EQ(score, "1000\n");
+  EXPECT_EQ(environment.find("PATH="), std::string::npos);
+  ASSERT_FALSE(scene_or_error);
+  EXPECT_EQ(scene_or_error.error().code, "import_crashed");
+}
+
+TEST(ImportProcess, ItsDeathIsTheJobsError) {
+  for (const int number : {SIGKILL, SIGABRT, SIGSEGV}) {
+    Isolated isolated;
+    const Scene scene(slow_glb());
+    auto outcome = std::async(std::launch::async, [&] { return isolated.import(scene.files); });
+    const pid_t pid = isolated.confined_pid();
+    ASSERT_GT(pid, 0);
+    ::kill(pid, number);
+    const auto result = outcome.get();
+    ASSERT_FALSE(result);
+    EXPECT_EQ(result.error().code, "import_crashed") << number;
+    EXPECT_EQ(isolated.failed, result.error().message);
+    EXPECT_TRUE(isolated.cached().empty());
+    EXPECT_FALSE(fs::exists(isolated.options.new_temporary())) << "nothing is left behind";
+    EXPECT_NE(::kill(pid, 0), 0) << "and nobody";
+  }
+}
+
+TEST(ImportProcess, AHangEndsAtTheDeadline) {
+  Isolated isolated;
+  isolated.options.process.seconds = 2 * test::kSlowdown;
+  const Scene scene(slow_glb());
+  auto outcome = std::async(std::launch::async, [&] { return isolated.import(scene.files); });
+  const pid_t pid = isolated.confined_pid();
+  ASSERT_GT(pid, 0);
+  ::kill(pid, SIGSTOP);
+  ASSERT_EQ(outcome.wait_for(10s * test::kSlowdown), std::future_status::ready);
+  EXPECT_EQ(outcome.get().error().code, "import_timeout");
+  EXPECT_NE(::kill(pid, 0), 0);
+}
+
+TEST(ImportProcess, AStopRequestEndsItAtOnce) {
+  Isolated isolated;
+  const Scene scene(slow_glb());
+  std::stop_source stop;
+  auto outcome = std::async(std::launch::async,
+                            [&] { return isolated.import(scene.files, stop.get_token()); });
+  const pid_t pid = isolated.confined_pid();
+  ASSERT_GT(pid, 0);
+  ::kill(pid, SIGSTOP);
+  const auto asked = std::chrono::steady_clock::now();
+  stop.request_stop();
+  EXPECT_EQ(outcome.get().error().code, proto::kCanceledCode);
+  EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s);
+  EXPECT_NE(::kill(pid, 0), 0);
+  EXPECT_EQ(isolated.failed, "") << "nothing to complain about";
+}
+
+TEST(ImportProcess, MemoryBeyondTheLimitIsItsOwnError) {
+  if (!kHasMemoryLimit) GTEST_SKIP() << "a sanitizer's shadow is larger than any limit";
+  Isolated isolated;
+  const Scene scene(textured_glb(large_png(10'000)));  // 400 MB
+  isolated.options.process.memory_bytes = 128ull << 20;
+  const auto small = isolated.import(scene.files);
+  ASSERT_FALSE(small);
+  EXPECT_EQ(small.error().code, "import_out_of_memory");
+  EXPECT_NE(small.error().message.find("import_memory_bytes"), std::string::npos);
+  isolated.options.process.memory_bytes = 2ull << 30;
+  EXPECT_EQ(isolated.code_of(scene.files), "");
+}
+
+/// A program in place of the importer: a shell script, whose descriptor 3 is the product.
+fs::path script(const TempFolder& folder, const std::string& lines) {
+  const fs::path path = folder.write("impostor", "#!/bin/sh\n" + lines + "\n");
+  ::chmod(path.c_str(), 0700);
+  return path;
+}
+
+TEST(ImportProcess, LiesAreNotBelieved) {
+  const std::string fine = R"(printf '{"memory":true,"no_seccomp":""}')";
+  const auto error = [](const std::string& code) {
+    return R"(printf '{"memory":true,"no_seccomp":"","error":{"code":")" + code +
+           R"(","title":"t","status":401,"detail":"d","errors":[]}}')";
+  };
+  const std::vector<std::pair<std::string, std::string>> lies{
+      {"exit 3", "import_crashed"},
+      {"kill -SEGV $$", "import_crashed"},
+      {"exit 0", "import_crashed"},  // no answer
+      {"printf nonsense", "import_crashed"},
+      {"printf '[1,2]'", "import_crashed"},
+      {"while :; do printf 0123456789; done", "import_crashed"},  // without an end
+      {fine, "import_crashed"},                                   // no product
+      {"printf 'not a scene' >&3; " + fine, "import_crashed"},
+      {"printf 'LKILNFLT' >&3; " + fine, "import_crashed"},
+      {error("unauthorized"), "import_crashed"},  // no import's word
+      {error("internal"), "import_crashed"},
+      {error("invalid_scene"), "invalid_scene"},
+      {"exec >&- 2>&-; sleep 100", "import_timeout"},  // silent, but alive
+      {"sleep 100 & exit 0", "import_timeout"},        // leaves another behind that holds the pipes
+  };
+  for (const auto& [lines, code] : lies) {
+    const TempFolder folder;
+    Isolated isolated;
+    isolated.options.process.seconds = 2;
+    isolated.options.process.program = script(folder, lines);
+    const Scene scene(baker::generate_glb("cornell").value());
+    EXPECT_EQ(isolated.code_of(scene.files), code) << lines;
+    EXPECT_TRUE(isolated.cached().empty()) << lines;
+  }
+}
+
+TEST(ImportProcess, WhatItSaidIsLogged) {
+  const TempFolder folder;
+  Isolated isolated;
+  isolated.options.process.program = script(folder, "printf 'oh no' >&2; exit 9");
+  const Scene scene(baker::generate_glb("cornell").value());
+  EXPECT_EQ(isolated.code_of(scene.files), "import_crashed");
+  EXPECT_NE(isolated.failed.find("code 9"), std::string::npos) << isolated.failed;
+  EXPECT_EQ(isolated.said, "oh no");
+  isolated.options.process.program = folder.path() / "missing";
+  EXPECT_EQ(isolated.code_of(scene.files), "io_error");
+}
+
+TEST(ImportProcess, CostsLittleTime) {
+  Isolated isolated;
+  const Scene scene(baker::generate_glb("cornell").value());
+  // Of the processor, this process's share and the other's: the wall's clock tells what else runs.
+  const auto processor_ms = [] {
+    double ms = 0;
+    for (const int whose : {RUSAGE_SELF, RUSAGE_CHILDREN}) {
+      rusage usage{};
+      ::getrusage(static_cast<__rusage_who>(whose), &usage);
+      for (const timeval& t : {usage.ru_utime, usage.ru_stime})
+        ms += double(t.tv_sec) * 1e3 + double(t.tv_usec) * 1e-3;
+    }
+    return ms;
+  };
+  const auto cost = [&](auto&& work) {
+    constexpr int kTimes = 10;
+    const double before = processor_ms();
+    for (int i = 0; i < kTimes; ++i) work();
+    return (processor_ms() - before) / kTimes;
+  };
+  const Importer importer(isolated.options);
+  const double check = cost([&] { EXPECT_TRUE(importer.check(scene.files, {})); });
+  const double import =
+      cost([&] { EXPECT_TRUE(importer.open(scene.files, "key", {})->import({})); });
+  RecordProperty("check_ms", std::to_string(check));
+  RecordProperty("import_ms", std::to_string(import));
+  EXPECT_LT(check, 50 * test::kSlowdown);
+  EXPECT_LT(import, 50 * test::kSlowdown);
+}
+
+// The service ------------------------------------------------------------------------------------
+
+/// The import process of a running service, once it decodes.
+pid_t import_process_of(const Program& program) {
+  const fs::path tasks = "/proc/" + std::to_string(program.pid()) + "/task";
+  for (int i = 0; i < 20'000; ++i, std::this_thread::sleep_for(1ms)) {
+    std::error_code gone;
+    for (fs::directory_iterator at(tasks, gone), end; !gone && at != end; at.increment(gone)) {
+      std::ifstream children(at->path() / "children");
+      for (pid_t pid = 0; children >> pid;)
+        if (status_of(pid, "Seccomp") == "2") return pid;
+    }
+  }
+  return -1;
+}
+
+/// The job's problem, once it is over.
+std::string end_of(const Program& program, const std::string& id) {
+  return curl(program.url("/v1/jobs/" + id + "?wait=60")).body;
+}
+
+TEST(ImportProcess, ItsDeathFailsOneJobOfTheService) {
+  const TempFolder folder;
+  Program program(folder.path() / "data");
+  EXPECT_TRUE(program.logged("import.confined")) << program.log();
+  const auto slow = folder.write("slow.glb", textured_glb(large_png(6000)));
+  const std::string small = R"({"atlas":{"page_size":64}})";
+  const std::string other = post_job(program, write_small_scene(folder.path()), small);
+  const std::string id = post_job(program, slow, small);
+  const pid_t pid = import_process_of(program);
+  ASSERT_GT(pid, 0) << program.log();
+  ::kill(pid, SIGKILL);
+  const std::string job = end_of(program, id);
+  EXPECT_EQ(member(job, "state"), "failed") << job;
+  EXPECT_EQ(member(member(job, "error"), "code"), "import_crashed") << job;
+  EXPECT_TRUE(program.logged("import.failed"));
+  EXPECT_EQ(member(end_of(program, other), "state"), "succeeded");
+  EXPECT_EQ(curl("-X POST " + program.url("/v1/jobs/" + id + "/retry")).status, 202);
+  EXPECT_EQ(member(end_of(program, id), "state"), "succeeded") << "nobody kills it this time";
+}
+
+TEST(ImportProcess, GoesWithTheService) {
+  const TempFolder folder;
+  Program program(folder.path() / "data");
+  post_job(program, folder.write("slow.glb", slow_glb()));
+  const pid_t pid = import_process_of(program);
+  ASSERT_GT(pid, 0);
+  ::kill(pid, SIGSTOP);
+  program.signal(SIGKILL);
+  program.wait_exit();
+  for (int i = 0; i < 5000 && ::kill(pid, 0) == 0 && status_of(pid, "State")[0] != 'Z'; ++i)
+    std::this_thread::sleep_for(1ms);
+  EXPECT_TRUE(::kill(pid, 0) != 0 || status_of(pid, "State")[0] == 'Z');
+}
+
+TEST(ImportProcess, LimitsOfTheServiceAreToldAndNamed) {
+  const TempFolder folder;
+  Program program(folder.path() / "data",
+                  {"--max-scene-triangles", "5", "--max-scene-json-depth", "9", "--import-seconds",
+                   "77", "--max-image-pixels", "1000"});
+  const std::string limits = member(curl(program.url("/v1/capabilities")).body, "limits");
+  EXPECT_EQ(member(limits, "triangles"), "5");
+  EXPECT_EQ(member(limits, "vertices"), "15");
+  EXPECT_EQ(member(limits, "scene_json_depth"), "9");
+  EXPECT_EQ(member(limits, "import_seconds"), "77");
+  EXPECT_EQ(member(limits, "image_pixels"), "1000");
+  EXPECT_EQ(member(limits, "import_memory_bytes"), std::to_string(4ull << 30));
+  const auto refused =
+      curl(job_form(write_scene(folder.path(), "cornell")) + program.url("/v1/jobs"));
+  EXPECT_EQ(refused.status, 422);
+  EXPECT_EQ(member(refused.body, "code"), "limit_exceeded");
+  EXPECT_NE(member(refused.body, "detail").find("`triangles`"), std::string::npos) << refused.body;
+  const std::string deep = R"({"asset":{"version":"2.0","extras":[[[[[[[[[[]]]]]]]]]]}})";
+  const auto nested = curl(job_form(folder.write("deep.gltf", deep)) + program.url("/v1/jobs"));
+  EXPECT_NE(member(nested.body, "detail").find("`scene_json_depth`"), std::string::npos)
+      << nested.body;
+  // Images are decoded by the job.
+  const auto large = folder.write("large.glb", textured_glb(large_png(64)));
+  const std::string job = end_of(program, post_job(program, large));
+  EXPECT_NE(member(job, "error").find("`image_pixels`"), std::string::npos) << job;
+}
+
+}  // namespace
+}  // namespace kiln::server
