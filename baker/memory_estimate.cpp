@@ -96,10 +96,11 @@ std::uint64_t estimate_memory(const Scene& scene, const proto::BakeSettings& set
   const SamplePlan plan = sample_plan(settings.solver, settings.quality);
   const bool gathers = settings.solver.method == proto::Method::kGather;
   const bool smooths = gathers && settings.post.filter;
-  const double base = texels * (kSurface + kLight + (gathers ? kRadiosity : 0));
+  const double base = texels * (kSurface + kLight);
   const double hits = std::min(double(std::uint64_t(settings.solver.hit_memory_mib) << 20),
                                texels * kHit * plan.directions);
-  const double bouncing = base + (gathers ? hits + texels * kBounced : texels * kRound);
+  const double bouncing =
+      base + (gathers ? hits + texels * (kBounced + kRadiosity) : texels * kRound);
   const bool rounds = !gathers || plan.target_error > 0;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
   const double filtering =

@@ -29,6 +29,8 @@ class Feedback {
   void extrapolate(const Plane<Rgb>& earlier, float scale);
   /// Takes over what a feedback held before.
   void restore(const Plane<Rgb>& radiosity);
+  /// Gives its memory back, until the next read() or restore().
+  void forget() { radiosity_ = {}; }
 
   Rgb radiosity(std::uint32_t texel) const {
     const Radiosity& b = radiosity_[texel];

@@ -269,7 +269,7 @@ bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
   return true;
 }
 
-/// Rounds trace their own rays: the memory of the first ones is free for the filter.
+/// Rounds trace their own rays.
 void GatherSolver::forget_hits() {
   if (!gathers_.empty() || !needs_rays_) return;
   std::vector<bool> gathered(in_.texels.size());
@@ -305,7 +305,9 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
   if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(pass, after, workers))
     return false;
   if (!pass.completes) return true;
+  // The memory of what later passes make anew is free for the filter.
   if (!pass.fills_state) forget_hits();
+  feedback_.forget();
   return rounds_.judge(after, workers, report);
 }
 
