@@ -48,6 +48,7 @@ struct Job {
   std::string tenant;  ///< who owns it; "" on a service without tokens
   std::int32_t priority = 0;
   Labels labels;
+  std::optional<Webhook> webhook;
   std::uint64_t ttl_seconds = 0;  ///< between its end and its deletion; 0: it is kept for ever
   bool cached = false;            ///< answered by the results of an identical bake
   std::string created_at, started_at, finished_at;  ///< RFC 3339 UTC, "" when not yet

@@ -120,6 +120,7 @@ json to_json(const Job& job) {
           {"tenant", text_or_null(job.tenant)},
           {"priority", job.priority},
           {"labels", job.labels},
+          {"webhook", job.webhook ? to_json(*job.webhook) : json(nullptr)},
           {"ttl_seconds", job.ttl_seconds},
           {"cached", job.cached},
           {"created_at", text_or_null(job.created_at)},

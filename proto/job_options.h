@@ -5,6 +5,8 @@
 #include <optional>
 #include <string>
 
+#include "proto/webhook.h"
+
 namespace kiln::proto {
 
 using Labels = std::map<std::string, std::string>;
@@ -20,6 +22,7 @@ struct JobOptions {
   std::optional<std::uint64_t> ttl_seconds;  ///< kept so long after its end; 0: for ever; nothing:
                                              ///< the service's default
   bool dedupe = true;                        ///< an identical bake that succeeded may answer
+  std::optional<Webhook> webhook;            ///< who is told of the job's events
 };
 
 /// A change to a job's options: what is not there stays.

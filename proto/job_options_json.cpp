@@ -83,6 +83,12 @@ class OptionReader {
     return out;
   }
 
+  std::optional<Webhook> webhook() {
+    const json* value = find("webhook");
+    if (value == nullptr || value->is_null()) return std::nullopt;
+    return read_webhook(*value, "/webhook", problems_);
+  }
+
   Expected<void> finish() {
     if (doc_.is_object())
       for (const auto& [key, value] : doc_.items())
@@ -128,6 +134,7 @@ Expected<JobOptions> job_options_from_json(const json& doc) {
   for (auto& [name, value] : in.labels(false)) out.labels[name] = *value;
   out.ttl_seconds = in.ttl_seconds();
   out.dedupe = in.boolean("dedupe").value_or(true);
+  out.webhook = in.webhook();
   if (auto ok = in.finish(); !ok) return Unexpected(std::move(ok.error()));
   return out;
 }
@@ -143,10 +150,13 @@ Expected<JobPatch> job_patch_from_json(const json& doc) {
 }
 
 json to_json(const JobOptions& o) {
-  return {{"priority", o.priority},
-          {"labels", o.labels},
-          {"ttl_seconds", o.ttl_seconds ? json(*o.ttl_seconds) : json(nullptr)},
-          {"dedupe", o.dedupe}};
+  json out{{"priority", o.priority},
+           {"labels", o.labels},
+           {"ttl_seconds", o.ttl_seconds ? json(*o.ttl_seconds) : json(nullptr)},
+           {"dedupe", o.dedupe}};
+  // Left out when there is none: idempotency keys of older versions go by this text.
+  if (o.webhook) out["webhook"] = to_json(*o.webhook);
+  return out;
 }
 
 Expected<Labels> labels_from_json(const json& doc) {

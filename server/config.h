@@ -44,6 +44,8 @@ struct ServerConfig {
   std::uint64_t max_data_bytes = 0;             ///< beyond, old jobs are deleted; 0: no limit
   std::uint32_t heartbeat_seconds = 15;         ///< between comments on a silent event stream
   std::uint32_t drain_seconds = 30;             ///< that running jobs get to finish after SIGTERM
+  std::filesystem::path webhook_secrets;        ///< file of NAME = SECRET lines; "": none
+  std::string webhook_networks;                 ///< ranges that webhooks may reach besides public
   std::string log_level = "info";               ///< trace, debug, info, warn, error, off
   LogFormat log_format = LogFormat::kText;
 };

@@ -74,7 +74,11 @@ struct Service::Impl {
         janitor(data, store, scenes, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
-        api({config, data, store, scenes, jobs, feeds, gate, parts.check, pool.size()}),
+        webhooks(store,
+                 {Networks::parse(config.webhook_networks).value(), config.webhook_secrets,
+                  parts.webhook_limits, parts.webhook_delays},
+                 [this](std::string_view outcome) { metrics.webhook(outcome); }),
+        api({config, data, store, scenes, jobs, feeds, webhooks, gate, parts.check, pool.size()}),
         admin(admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
@@ -94,6 +98,7 @@ struct Service::Impl {
   baker::ThreadPool pool;
   JobService jobs;
   Janitor janitor;
+  Webhooks webhooks;
   Api api;
   Router admin;
   std::atomic<bool> draining{false};
@@ -117,8 +122,9 @@ struct Service::Impl {
 
   std::string metrics_text() {
     const JobService::Counts jobs_now = jobs.counts();
-    return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), hub.dropped(),
-                         data.bytes(), data.free_share(), api_server->connections()});
+    return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
+                         hub.dropped(), data.bytes(), data.free_share(),
+                         api_server->connections()});
   }
 
   proto::Expected<void> listen() {
@@ -143,6 +149,11 @@ struct Service::Impl {
 
 proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& config,
                                                          ServiceParts parts) {
+  if (auto networks = Networks::parse(config.webhook_networks); !networks)
+    return proto::Unexpected(networks.error());
+  if (!config.webhook_secrets.empty())
+    if (auto secrets = WebhookSecrets::read(config.webhook_secrets); !secrets)
+      return proto::Unexpected(secrets.error());
   auto data = DataFolder::open(config.data);
   if (!data) return proto::Unexpected(data.error());
   std::unique_ptr<Impl> impl;
@@ -202,6 +213,7 @@ bool Service::wait_idle(std::chrono::milliseconds time) {
 void Service::stop(std::chrono::milliseconds grace) {
   begin_drain();
   impl_->jobs.stop();  // wakes waiting requests too
+  impl_->webhooks.stop();
   impl_->api_server->stop(grace);
   impl_->hub.stop();
   impl_->admin_server->stop(grace);

@@ -10,6 +10,7 @@
 #include "server/http/api.h"
 #include "server/http/connection.h"
 #include "server/jobs/job_service.h"
+#include "server/webhooks/webhooks.h"
 
 namespace kiln::server {
 
@@ -19,6 +20,8 @@ struct ServiceParts {
   CheckFunction check;
   EdgeLimits limits;
   std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
+  WebhookDelays webhook_delays = kWebhookDelays;
+  WebhookLimits webhook_limits{};
 };
 
 /// The whole service in this process: store, queue, both ports. serve() is this plus signals.

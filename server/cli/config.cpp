@@ -8,6 +8,7 @@
 #include "proto/nearest_name.h"
 #include "proto/problem_list.h"
 #include "server/cli/toml_values.h"
+#include "server/webhooks/networks.h"
 
 extern char** environ;
 
@@ -78,6 +79,18 @@ bool parse_address(ServerConfig& config, const std::string& text) {
 bool parse_folder(ServerConfig& config, const std::string& text) {
   if (text.empty() || text.find('\0') != std::string::npos) return false;
   config.data = text;
+  return true;
+}
+
+bool parse_secrets(ServerConfig& config, const std::string& text) {
+  if (text.find('\0') != std::string::npos) return false;
+  config.webhook_secrets = text;
+  return true;
+}
+
+bool parse_networks(ServerConfig& config, const std::string& text) {
+  if (!server::Networks::parse(text)) return false;
+  config.webhook_networks = text;
   return true;
 }
 
@@ -194,6 +207,12 @@ const std::vector<ConfigRow>& config_rows() {
       {"drain_seconds", true, "a number from 0 to 86400",
        "Seconds that running jobs get to finish after SIGTERM",
        parse_number<&C::drain_seconds, 0, 86400>, show_number<&C::drain_seconds>},
+      {"webhook_secrets", false, "a file",
+       "File of lines NAME = whsec_... or TENANT/NAME = whsec_... that webhooks name to be signed",
+       parse_secrets, [](const C& c) { return c.webhook_secrets.string(); }},
+      {"webhook_networks", false, "address ranges such as 10.0.0.0/8, fd00::/8",
+       "Addresses that webhooks may reach besides public ones",
+       parse_networks, [](const C& c) { return c.webhook_networks; }},
       {"log_level", false, "trace, debug, info, warn, error or off", "Least important line to log",
        parse_log_level, [](const C& c) { return c.log_level; }},
       {"log_format", false, "text or json", "One line per event for people or for programs",

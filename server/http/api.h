@@ -20,6 +20,7 @@
 #include "server/jobs/job_service.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
+#include "server/webhooks/webhooks.h"
 
 namespace kiln::server {
 
@@ -35,6 +36,7 @@ struct ApiParts {
   const SceneStore& scenes;
   JobService& jobs;
   EventFeeds& feeds;
+  const Webhooks& webhooks;
   const Gate& gate;
   CheckFunction check;
   unsigned bake_threads = 1;
@@ -64,6 +66,7 @@ class Api {
   Response get_result(Request&);
   Response get_results_zip(Request&);
   Response get_preview(Request&);
+  Response test_webhook(Request&);
   Response get_capabilities(Request&);
   Response get_root(Request&);
   Response get_openapi(Request&);
@@ -104,6 +107,7 @@ class Api {
   const SceneStore& scenes_;
   JobService& jobs_;
   EventFeeds& feeds_;
+  const Webhooks& webhooks_;
   const Gate& gate_;
   CheckFunction check_;
   unsigned bake_threads_;

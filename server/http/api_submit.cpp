@@ -131,6 +131,9 @@ Response Api::post_job(Request& request) {
     return problem(open.error(), request);
   auto input = read_job_request(request);
   if (!input) return problem(input.error(), request);
+  if (const auto& hook = input->options.webhook)
+    if (auto ok = webhooks_.check(*hook, request.principal.tenant); !ok)
+      return problem(ok.error(), request);
   input->tenant = request.principal.tenant;
   input->idempotency_key = *key;
   auto submitted = jobs_.submit(*input);

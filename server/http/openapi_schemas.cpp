@@ -72,13 +72,36 @@ json labels() {
           {"maxProperties", proto::JobOptions::kMaxLabels}};
 }
 
+json webhook() {
+  json events = json::array();
+  for (const auto& name : proto::kWebhookEvents) events.push_back(std::string(name));
+  return {
+      {"type", "object"},
+      {"properties",
+       {{"url", {{"type", "string"}, {"maxLength", proto::Webhook::kMaxUrl}}},
+        {"events",
+         {{"type", "array"},
+          {"minItems", 1},
+          {"uniqueItems", true},
+          {"default", {"job.end"}},
+          {"items", {{"type", "string"}, {"enum", std::move(events)}}}}},
+        {"secret_ref", nullable(text("name of a secret of the service; without: not signed"))}}},
+      {"required", {"url"}},
+      {"additionalProperties", false}};
+}
+
+json or_null(const char* schema) {
+  return {{"oneOf", {ref(schema), {{"type", "null"}}}}};
+}
+
 json options() {
   return {{"type", "object"},
           {"properties",
            {{"priority", priority()},
             {"labels", labels()},
             {"ttl_seconds", ttl_seconds()},
-            {"dedupe", {{"type", "boolean"}, {"default", true}}}}},
+            {"dedupe", {{"type", "boolean"}, {"default", true}}},
+            {"webhook", or_null("Webhook")}}},
           {"additionalProperties", false}};
 }
 
@@ -93,6 +116,7 @@ json job_request() {
 json patch() {
   json schema = options();
   schema["properties"].erase("dedupe");
+  schema["properties"].erase("webhook");
   schema["properties"]["labels"]["additionalProperties"] = {{"type", {"string", "null"}}};
   return schema;
 }
@@ -144,6 +168,7 @@ json job() {
                  {"tenant", nullable(text("null on a service without tokens"))},
                  {"priority", priority()},
                  {"labels", labels()},
+                 {"webhook", or_null("Webhook")},
                  {"ttl_seconds", ttl_seconds()},
                  {"cached", {{"type", "boolean"}}},
                  {"created_at", time("when it was posted")},
@@ -151,7 +176,7 @@ json job() {
                  {"finished_at", nullable(time("when it was over"))},
                  {"expires_at", nullable(time("when it will be deleted"))},
                  {"progress", ref("Progress")},
-                 {"error", {{"oneOf", {ref("Problem"), {{"type", "null"}}}}}},
+                 {"error", or_null("Problem")},
                  {"links", links()}});
 }
 
@@ -179,6 +204,11 @@ json openapi_schemas() {
   settings.erase("$id");
   return {{"Settings", std::move(settings)},
           {"Options", options()},
+          {"Webhook", webhook()},
+          {"WebhookTest", closed({{"id", {{"type", "string"}}},
+                                  {"delivered", {{"type", "boolean"}}},
+                                  {"status", nullable(integer())},
+                                  {"error", nullable(text("why it was not delivered"))}})},
           {"JobRequest", job_request()},
           {"JobPatch", patch()},
           {"Progress", progress()},

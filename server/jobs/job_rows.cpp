@@ -31,6 +31,14 @@ void read_labels(const std::string& text, proto::Job& job) {
   if (labels) job.labels = std::move(*labels);
 }
 
+void read_webhook_text(const std::string& text, proto::Job& job) {
+  if (text.empty()) return;
+  auto document = proto::parse_json(text, "store");
+  auto hook =
+      document ? proto::webhook_from_json(*document) : tl::make_unexpected(document.error());
+  if (hook) job.webhook = std::move(*hook);
+}
+
 }  // namespace
 
 StoredJob read_job_row(const Statement& row) {
@@ -63,6 +71,7 @@ StoredJob read_job_row(const Statement& row) {
   job.expires_at = row.text(24);
   job.cached = row.number(25) != 0;
   job.tenant = row.text(26);
+  read_webhook_text(row.text(27), job);
   return stored;
 }
 

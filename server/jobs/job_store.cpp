@@ -30,11 +30,12 @@ std::int64_t JobStore::insert(const StoredJob& stored, const std::vector<proto::
   write(job.tenant, Durability::kPromise, [&] {
     auto insert = writer_.prepare(
         "INSERT INTO job (id, state, attempt, version, scene, scene_bytes, settings, created_at,"
-        " bake_key, cached, tenant) VALUES (?,?,?,?,?,?,?,?,?,?,?) RETURNING sequence");
+        " bake_key, cached, tenant, webhook) VALUES (?,?,?,?,?,?,?,?,?,?,?,?) RETURNING sequence");
     insert.bind(1, job.id).bind(2, proto::to_string(job.state)).bind(3, as_int(job.attempt));
     insert.bind(4, as_int(job.version)).bind(5, job.scene_sha256).bind(6, as_int(job.scene_bytes));
     insert.bind(7, settings).bind(8, job.created_at).bind(9, stored.bake_key);
     insert.bind(10, std::int64_t{job.cached}).bind(11, job.tenant);
+    insert.bind(12, job.webhook ? proto::to_text(proto::to_json(*job.webhook)) : std::string());
     while (insert.step()) sequence = insert.number(0);
     update(stored);
     put_events(job, events);
@@ -48,10 +49,17 @@ std::int64_t JobStore::insert(const StoredJob& stored, const std::vector<proto::
 
 void JobStore::write(const std::string& tenant, Durability durability,
                      const std::function<void()>& body) {
-  const std::lock_guard lock(write_mutex_);
-  fresh_.clear();
-  writer_.transaction(durability, body);
-  if (feed_hook_ && !fresh_.empty()) feed_hook_(tenant, fresh_);
+  bool deliveries = false;
+  {
+    const std::lock_guard lock(write_mutex_);
+    fresh_.clear();
+    new_deliveries_ = false;
+    writer_.transaction(durability, body);
+    // Under the lock, so that the feed's order is that of its ids.
+    if (feed_hook_ && !fresh_.empty()) feed_hook_(tenant, fresh_);
+    deliveries = new_deliveries_;
+  }
+  if (delivery_hook_ && deliveries) delivery_hook_();
 }
 
 void JobStore::put_events(const proto::Job& job, const std::vector<proto::Event>& events) {
@@ -60,6 +68,7 @@ void JobStore::put_events(const proto::Job& job, const std::vector<proto::Event>
     auto insert = writer_.prepare("INSERT INTO event (job, id, type, data) VALUES (?,?,?,?)");
     insert.bind(1, id).bind(2, as_int(event.id)).bind(3, event.type).bind(4, event.data).step();
     put_feed(job, event);
+    put_delivery(job, event);
     if (event.id <= EventRing::kCapacity || event.id % 64 != 0) continue;
     auto prune = writer_.prepare("DELETE FROM event WHERE job=? AND id<=?");
     prune.bind(1, id).bind(2, as_int(event.id - EventRing::kCapacity)).step();

@@ -45,6 +45,13 @@ struct Feed {
   std::uint64_t last = 0;            ///< the highest id ever given to any tenant
 };
 
+/// A message to a webhook.
+struct Delivery {
+  std::string id;  ///< msg_..., the same at every try
+  std::string tenant, url, origin, secret_ref, body;
+  std::uint32_t tries = 0;  ///< that failed
+};
+
 /// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
 /// mutex. Throws DatabaseError.
 class JobStore {
@@ -76,6 +83,19 @@ class JobStore {
   void on_feed(FeedHook hook) { feed_hook_ = std::move(hook); }
   Feed feed(const std::optional<std::string>& tenant) const;  ///< nothing: of all tenants
 
+  /// Events that a job's webhook wants are stored with a message to it, in one transaction.
+  /// Called after such a one, with no lock held.
+  void on_delivery(std::function<void()> hook) { delivery_hook_ = std::move(hook); }
+  /// The message that is due first, but to none of these origins; it is not due again before
+  /// `until`. Times are Unix milliseconds; due is what is at `now` or earlier, or after `horizon`.
+  std::optional<Delivery> claim_delivery(std::int64_t now, std::int64_t horizon, std::int64_t until,
+                                         const std::vector<std::string>& busy);
+  void release_deliveries();  ///< what an earlier process had claimed is due
+  std::optional<std::int64_t> next_delivery() const;  ///< when the first one is due
+  std::uint64_t deliveries() const;                   ///< that are not delivered
+  void postpone_delivery(const std::string& id, std::uint32_t tries, std::int64_t due_ms);
+  void forget_delivery(const std::string& id);
+
   std::optional<StoredJob> find(const std::string& id) const;
   std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
   std::vector<StoredJob> unfinished() const;            ///< oldest first
@@ -103,6 +123,7 @@ class JobStore {
   void put_events(const proto::Job&, const std::vector<proto::Event>&);
   void put_feed(const proto::Job&, const proto::Event&);
   void prune_feed(const std::string& tenant);
+  void put_delivery(const proto::Job&, const proto::Event&);
   void put_results(const std::string& id, const std::vector<proto::ResultFile>&);
   void update(const StoredJob&);
 
@@ -110,6 +131,8 @@ class JobStore {
   Database writer_;
   std::vector<proto::Event> fresh_;  ///< of this transaction, for the hook
   FeedHook feed_hook_;
+  bool new_deliveries_ = false;  ///< of this transaction
+  std::function<void()> delivery_hook_;
   mutable std::mutex read_mutex_;
   mutable Database reader_;
 };

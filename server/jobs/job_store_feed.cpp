@@ -7,15 +7,11 @@
 /// The events of all jobs in one order. A row of `feed` names an event of a job; of each tenant the
 /// newest EventRing::kCapacity are kept, whose events no job has forgotten yet.
 namespace kiln::server {
-namespace {
 
-// The event's data with the job's id in front: {"job":"job_...", ...}
 std::string with_job(const std::string& id, const std::string& data) {
   const bool empty = data.size() <= 2;
   return "{\"job\":\"" + id + (empty ? "\"}" : "\"," + data.substr(1));
 }
-
-}  // namespace
 
 void JobStore::put_feed(const proto::Job& job, const proto::Event& event) {
   auto insert =

@@ -89,6 +89,21 @@ CREATE TABLE feed_floor (
   tenant TEXT NOT NULL PRIMARY KEY,
   sequence INTEGER NOT NULL
 ) STRICT, WITHOUT ROWID;
+)sql",
+    R"sql(
+ALTER TABLE job ADD COLUMN webhook TEXT NOT NULL DEFAULT '';
+CREATE TABLE delivery (
+  id TEXT NOT NULL PRIMARY KEY,
+  tenant TEXT NOT NULL,
+  url TEXT NOT NULL,
+  origin TEXT NOT NULL,
+  secret_ref TEXT NOT NULL,
+  body TEXT NOT NULL,
+  tries INTEGER NOT NULL DEFAULT 0,
+  claimed INTEGER NOT NULL DEFAULT 0,
+  due_ms INTEGER NOT NULL
+) STRICT;
+CREATE INDEX delivery_due ON delivery (due_ms);
 )sql"};
 static_assert(std::size(kJobMigrations) == kJobSchemaVersion);
 

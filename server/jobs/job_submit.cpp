@@ -33,6 +33,7 @@ StoredJob new_job(const Submission& s, const JobLimits& limits) {
   job.tenant = s.tenant;
   job.priority = s.options.priority;
   job.labels = s.options.labels;
+  job.webhook = s.options.webhook;
   job.ttl_seconds = s.options.ttl_seconds.value_or(limits.ttl_seconds);
   job.created_at = now_rfc3339();
   stored.bake_key = baker::bake_key(s.scene.key, s.settings);

@@ -69,6 +69,10 @@ struct Metrics::Impl {
   Gauge& streams = gauge(registry, "sse_clients", "Open event streams").Add({});
   Gauge& dropped =
       gauge(registry, "sse_dropped", "Event streams that fell behind, since the start").Add({});
+  Family<Counter>& webhooks =
+      counter(registry, "webhook_tries_total", "Tries to deliver a message, by outcome");
+  Gauge& webhooks_pending =
+      gauge(registry, "webhook_pending", "Messages that are not delivered yet").Add({});
   Gauge& disk_bytes = gauge(registry, "data_bytes", "Scenes and jobs on the disk").Add({});
   Gauge& disk_free =
       gauge(registry, "disk_free_share", "Of the data folder's disk, 0 to 1").Add({});
@@ -107,6 +111,10 @@ void Metrics::pass_done(const proto::PassReport& pass) {
   impl_->rays.Increment(double(pass.rays));
 }
 
+void Metrics::webhook(std::string_view outcome) {
+  impl_->webhooks.Add({{"outcome", std::string(outcome)}}).Increment();
+}
+
 void Metrics::committed(double seconds) {
   impl_->commit_seconds.Observe(seconds);
 }
@@ -116,6 +124,7 @@ std::string Metrics::text(const Now& now) {
   impl_->running.Set(double(now.running));
   impl_->streams.Set(double(now.streams));
   impl_->dropped.Set(double(now.dropped_streams));
+  impl_->webhooks_pending.Set(double(now.webhooks));
   impl_->disk_bytes.Set(double(now.disk_bytes));
   impl_->disk_free.Set(now.disk_free_share);
   impl_->connections.Set(double(now.connections));

@@ -24,11 +24,13 @@ class Metrics {
   void job_started(double seconds_in_queue);
   void job_ended(proto::JobState);
   void pass_done(const proto::PassReport&);
-  void committed(double seconds);  ///< one transaction of the job store
+  void webhook(std::string_view outcome);  ///< a try: delivered, retried, failed
+  void committed(double seconds);          ///< one transaction of the job store
 
   /// What is looked up when someone asks.
   struct Now {
     std::size_t queued = 0, running = 0, streams = 0;
+    std::uint64_t webhooks = 0;  ///< messages that are not delivered
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
     std::size_t connections = 0;

@@ -15,15 +15,30 @@
 
 namespace kiln::server {
 
-Live::Live(BakeFunction bake, ServerConfig config, EdgeLimits limits, CheckFunction check) {
+namespace {
+
+ServiceParts parts_of(BakeFunction bake, EdgeLimits limits, CheckFunction check) {
+  ServiceParts parts;
+  parts.bake = std::move(bake);
+  parts.check = std::move(check);
+  parts.limits = limits;
+  return parts;
+}
+
+}  // namespace
+
+Live::Live(BakeFunction bake, ServerConfig config, EdgeLimits limits, CheckFunction check)
+    : Live(parts_of(std::move(bake), limits, std::move(check)), std::move(config)) {}
+
+Live::Live(ServiceParts parts, ServerConfig config) {
   set_up_log("off", LogFormat::kText);
   config.port = config.admin_port = 0;
   if (config.data == ServerConfig{}.data) config.data = folder.path() / "data";
-  if (!check)
-    check = [](const baker::SceneFiles&, const proto::BakeSettings&) {
+  if (!parts.check)
+    parts.check = [](const baker::SceneFiles&, const proto::BakeSettings&) {
       return proto::Expected<void>();
     };
-  auto started = Service::start(config, {std::move(bake), std::move(check), limits});
+  auto started = Service::start(config, std::move(parts));
   if (!started) throw std::runtime_error(started.error().message);
   service = std::move(*started);
 }

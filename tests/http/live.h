@@ -20,6 +20,7 @@ struct Live {
 
   explicit Live(BakeFunction bake, ServerConfig config = {}, EdgeLimits limits = {},
                 CheckFunction check = {});
+  Live(ServiceParts parts, ServerConfig config);  ///< parts without a check take every scene
   std::uint16_t port() const { return service->port(); }
 };
 

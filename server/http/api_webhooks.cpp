@@ -1,0 +1,32 @@
+#include <nlohmann/json.hpp>
+
+#include "server/http/api.h"
+#include "server/http/problem.h"
+
+namespace kiln::server {
+
+// Sends one message and tells what came of it. Holds a thread meanwhile, as waiting requests do.
+Response Api::test_webhook(Request& request) {
+  auto body = read_json_object(request);
+  if (!body) return problem(body.error(), request);
+  auto hook = proto::webhook_from_json(body->value_or(nlohmann::json::object()));
+  if (!hook) return problem(hook.error(), request);
+  const std::string& tenant = request.principal.tenant;
+  if (auto ok = webhooks_.check(*hook, tenant); !ok) return problem(ok.error(), request);
+  if (!waits_.try_acquire())
+    return problem({"overloaded", "Too many requests are waiting.", {}}, request);
+  const struct Release {
+    std::counting_semaphore<>& slots;
+    ~Release() { slots.release(); }
+  } release{waits_};
+  const Webhooks::Tested tested = webhooks_.test(*hook, tenant);
+  nlohmann::json document{{"id", tested.id},
+                          {"delivered", tested.answer.delivered()},
+                          {"status", nullptr},
+                          {"error", nullptr}};
+  if (tested.answer.status != 0) document["status"] = tested.answer.status;
+  if (!tested.answer.error.empty()) document["error"] = tested.answer.error;
+  return json_response(202, document);
+}
+
+}  // namespace kiln::server
