@@ -6,7 +6,9 @@
 
 #include "clients/client_impl.h"
 #include "clients/multipart_body.h"
+#include "proto/files.h"
 #include "proto/json.h"
+#include "proto/scene_name.h"
 
 namespace kiln::clients {
 namespace {
@@ -22,19 +24,59 @@ std::string random_boundary() {
   return text;
 }
 
+json options_document(const proto::JobOptions& options) {
+  json document = proto::to_json(options);
+  if (!options.ttl_seconds) document.erase("ttl_seconds");  // the service's default
+  return document;
+}
+
+proto::Expected<void> add_scene(MultipartBody& body, const Submission& s) {
+  if (auto ok = body.add_file("scene", s.scene.filename().string(), s.scene); !ok) return ok;
+  for (const auto& [name, path] : s.side)
+    if (auto ok = body.add_file("file", name, path); !ok) return ok;
+  body.finish();
+  return {};
+}
+
 proto::Expected<MultipartBody> body_of(const Submission& s) {
   MultipartBody body(random_boundary());
   if (!s.settings_json.empty()) body.add_text("settings", "application/json", s.settings_json);
-  json options = proto::to_json(s.options);
-  if (!s.options.ttl_seconds) options.erase("ttl_seconds");  // the service's default
-  body.add_text("options", "application/json", proto::to_text(options));
-  if (auto ok = body.add_file("scene", s.scene.filename().string(), s.scene); !ok)
-    return proto::Unexpected(std::move(ok.error()));
-  for (const auto& [name, path] : s.side)
-    if (auto ok = body.add_file("file", name, path); !ok)
-      return proto::Unexpected(std::move(ok.error()));
-  body.finish();
+  body.add_text("options", "application/json", proto::to_text(options_document(s.options)));
+  if (auto ok = add_scene(body, s); !ok) return proto::Unexpected(std::move(ok.error()));
   return body;
+}
+
+/// The scene alone, with the same bytes each time, so that a part of it can be sent later.
+proto::Expected<MultipartBody> scene_body(const Submission& s, const std::string& key) {
+  if (s.side.empty()) return MultipartBody::bare(s.scene);
+  MultipartBody body("lightkiln-" + key.substr(0, 32));
+  if (auto ok = add_scene(body, s); !ok) return proto::Unexpected(std::move(ok.error()));
+  return body;
+}
+
+struct Files {
+  std::string key;  ///< what the service calls the scene
+  std::uint64_t bytes = 0;
+};
+
+proto::Expected<Files> digest_files(const Submission& s) {
+  const auto digest = [](const std::filesystem::path& path) {
+    auto found = proto::digest_file(path);
+    if (!found) found = proto::fail("missing_file", "can't read " + path.string());
+    return found;
+  };
+  const auto main = digest(s.scene);
+  if (!main) return proto::Unexpected(main.error());
+  Files files{"", main->bytes};
+  std::vector<proto::SideDigest> side;
+  for (const auto& [name, path] : s.side) {
+    const auto one = digest(path);
+    if (!one) return proto::Unexpected(one.error());
+    side.push_back({name, one->sha256});
+    files.bytes += one->bytes;
+  }
+  files.key = proto::scene_name(main->sha256, std::move(side)).key;
+  return files;
 }
 
 }  // namespace
@@ -91,7 +133,46 @@ Client::Client(ServerUrl url, std::string token)
     : impl_(std::make_unique<Impl>(std::move(url), std::move(token))) {}
 Client::~Client() = default;
 
-proto::Expected<proto::JobSummary> Client::submit(const Submission& submission) {
+proto::Expected<bool> Client::Impl::has_scene(const std::string& key) {
+  const auto answer = http.Head(path("/scenes/sha256:" + key));
+  if (!answer) return unreachable(answer.error());
+  return answer->status == 200;
+}
+
+proto::Expected<proto::JobSummary> Client::Impl::submit_known(const Submission& submission,
+                                                              const std::string& scene) {
+  json request = options_document(submission.options);
+  request["scene"] = scene;
+  if (!submission.settings_json.empty()) {
+    auto settings = proto::parse_json(submission.settings_json, "settings");
+    if (!settings) return proto::Unexpected(std::move(settings.error()));
+    request["settings"] = std::move(*settings);
+  }
+  return document(http.Post(path("/jobs"), proto::to_text(request), "application/json"))
+      .and_then(proto::job_summary_from_json);
+}
+
+proto::Expected<proto::JobSummary> Client::submit(const Submission& submission,
+                                                  const RetryPolicy& policy) {
+  const auto files = digest_files(submission);
+  if (!files) return proto::Unexpected(files.error());
+  const auto known = impl_->has_scene(files->key);
+  if (!known) return proto::Unexpected(known.error());
+  if (*known) {
+    auto job = impl_->submit_known(submission, "sha256:" + files->key);
+    if (job || job.error().code != "not_found") return job;  // it may just have been deleted
+  }
+  if (files->bytes < kResumableBytes) return impl_->submit_whole(submission);
+  auto body = scene_body(submission, files->key);
+  if (!body) return proto::Unexpected(std::move(body.error()));
+  const auto scene = impl_->upload(*body, "scene-" + files->key, policy);
+  if (scene) return impl_->submit_known(submission, *scene);
+  // A service of an earlier version knows no uploads.
+  const bool unknown = scene.error().code == "not_found" || scene.error().code == "bad_document";
+  return unknown ? impl_->submit_whole(submission) : proto::Unexpected(scene.error());
+}
+
+proto::Expected<proto::JobSummary> Client::Impl::submit_whole(const Submission& submission) {
   auto body = body_of(submission);
   if (!body) return proto::Unexpected(std::move(body.error()));
   const auto provider = [&](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
@@ -99,15 +180,14 @@ proto::Expected<proto::JobSummary> Client::submit(const Submission& submission) 
       return sink.write(piece.data(), piece.size());
     });
   };
-  const auto answer =
-      impl_->http.Post(impl_->path("/jobs"), body->size(), provider, body->content_type());
+  const auto answer = http.Post(path("/jobs"), body->size(), provider, body->content_type());
   if (!body->error().empty()) return proto::fail("io_error", body->error());
   if (!answer && answer.error() == httplib::Error::Write)
     return proto::fail("server_unreachable",
-                       impl_->url.text() + " closed the connection during the upload of " +
+                       url.text() + " closed the connection during the upload of " +
                            std::to_string(body->size()) +
                            " bytes; it may not accept so many (its --max-upload-bytes)");
-  return impl_->document(answer).and_then(proto::job_summary_from_json);
+  return document(answer).and_then(proto::job_summary_from_json);
 }
 
 proto::Expected<proto::JobSummary> Client::job(const std::string& id) {

@@ -45,8 +45,13 @@ class Client {
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  /// Uploads from disk in pieces; memory does not grow with the files.
-  proto::Expected<proto::JobSummary> submit(const Submission&);
+  /// Scenes from this size on are sent so that a broken upload can be resumed.
+  static constexpr std::uint64_t kResumableBytes = 8u << 20;
+
+  /// Hashes the files first: a scene that the service has is not sent. A large one goes on where
+  /// its upload broke, in this call or an earlier one. Reads files in pieces; memory does not grow
+  /// with them. `policy`: for broken uploads.
+  proto::Expected<proto::JobSummary> submit(const Submission&, const RetryPolicy& policy = {});
   proto::Expected<proto::JobSummary> job(const std::string& id);
   proto::Expected<std::vector<proto::JobSummary>> jobs();  ///< newest first, at most 50
   /// `keep_light`: the passes that are done become the result.
@@ -65,8 +70,9 @@ class Client {
   proto::Expected<void> download(const std::string& id, const proto::ResultFile&,
                                  const std::filesystem::path& dir);
 
+  struct Impl;  ///< client_impl.h, for the client's own .cpp files
+
  private:
-  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 

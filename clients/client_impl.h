@@ -6,6 +6,7 @@
 #include <string>
 
 #include "clients/client.h"
+#include "clients/multipart_body.h"
 
 /// For the client's own .cpp files.
 namespace kiln::clients {
@@ -24,6 +25,15 @@ struct Client::Impl {
   /// The body of a 2xx answer as JSON; the service's problem otherwise.
   proto::Expected<nlohmann::json> document(const httplib::Result&) const;
   proto::Expected<nlohmann::json> get(const std::string& below);
+  /// Sends a body by POST and PATCH /v1/uploads, and goes on where it breaks. `name`: finds the
+  /// upload again, from another process too. The scene's id ("sha256:...").
+  proto::Expected<std::string> upload(MultipartBody&, const std::string& name, const RetryPolicy&);
+  /// Whether the service has a scene, which then need not be sent.
+  proto::Expected<bool> has_scene(const std::string& key);
+  /// POST /v1/jobs with all files.
+  proto::Expected<proto::JobSummary> submit_whole(const Submission&);
+  /// POST /v1/jobs with a scene that the service has.
+  proto::Expected<proto::JobSummary> submit_known(const Submission&, const std::string& scene);
   /// POST /v1/jobs/{id}/{action}.
   proto::Expected<proto::JobSummary> act(const std::string& id, const std::string& action,
                                          const nlohmann::json& body);

@@ -24,12 +24,29 @@ std::string quote_name(std::string_view name) {
   return out + "\"";
 }
 
+proto::Expected<std::uint64_t> readable_size(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto bytes = std::filesystem::file_size(path, error);
+  if (error || !std::filesystem::is_regular_file(path, error) || !std::ifstream(path))
+    return proto::fail("missing_file", "can't read " + path.string());
+  return bytes;
+}
+
 }  // namespace
 
 MultipartBody::MultipartBody(std::string boundary) : boundary_(std::move(boundary)) {}
 
 std::string MultipartBody::content_type() const {
+  if (boundary_.empty()) return "application/octet-stream";
   return "multipart/form-data; boundary=" + boundary_;
+}
+
+proto::Expected<MultipartBody> MultipartBody::bare(const std::filesystem::path& path) {
+  auto bytes = readable_size(path);
+  if (!bytes) return proto::Unexpected(std::move(bytes.error()));
+  MultipartBody body("");
+  body.append({0, *bytes, {}, path});
+  return body;
 }
 
 void MultipartBody::append(Segment segment) {
@@ -49,16 +66,14 @@ void MultipartBody::add_text(const std::string& name, const std::string& media_t
 
 proto::Expected<void> MultipartBody::add_file(const std::string& name, const std::string& file_name,
                                               const std::filesystem::path& path) {
-  std::error_code error;
-  const auto bytes = std::filesystem::file_size(path, error);
-  if (error || !std::filesystem::is_regular_file(path, error) || !std::ifstream(path))
-    return proto::fail("missing_file", "can't read " + path.string());
+  const auto bytes = readable_size(path);
+  if (!bytes) return proto::Unexpected(bytes.error());
   std::string head =
       "--" + boundary_ + "\r\nContent-Disposition: form-data; name=" + quote_name(name) +
       "; filename=" + quote_name(file_name) + "\r\nContent-Type: application/octet-stream\r\n\r\n";
   const auto head_size = head.size();
   append({0, head_size, std::move(head), {}});
-  append({0, bytes, {}, path});
+  append({0, *bytes, {}, path});
   append({0, 2, "\r\n", {}});
   return {};
 }

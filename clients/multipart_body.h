@@ -12,11 +12,13 @@
 
 namespace kiln::clients {
 
-/// A multipart/form-data body whose files stay on disk: its length is known beforehand, and only
-/// one piece of it is in memory at a time.
+/// A multipart/form-data body, or a bare file, whose files stay on disk: its length is known
+/// beforehand, and only one piece of it is in memory at a time.
 class MultipartBody {
  public:
   explicit MultipartBody(std::string boundary);
+  /// One file as the whole body, without parts. Errors: `missing_file` when it can't be read.
+  static proto::Expected<MultipartBody> bare(const std::filesystem::path&);
 
   void add_text(const std::string& name, const std::string& media_type, std::string text);
   /// `file_name` is what the service is told. Errors: `missing_file` when it can't be read.

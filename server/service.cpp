@@ -52,6 +52,8 @@ JobLimits job_limits(const ServerConfig& config) {
   limits.tenant_queued = config.max_queued_jobs_per_tenant;
   limits.tenant_running = config.max_running_jobs_per_tenant;
   limits.tenant_bytes = config.max_bytes_per_tenant;
+  limits.tenant_texels = config.max_texels_per_tenant_per_day;
+  limits.tenant_cpu_seconds = config.max_cpu_seconds_per_tenant_per_day;
   return limits;
 }
 
@@ -67,22 +69,24 @@ struct Service::Impl {
         tokens(data.tokens()),
         gate(tokens),
         scenes(data),
+        uploads(data, std::chrono::seconds(config.leftover_ttl_seconds)),
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config), import_limits(config),
-             &metrics),
-        janitor(data, store, scenes, jobs,
-                Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
-                parts.sweep_interval),
         webhooks(store,
                  {Networks::parse(config.webhook_networks).value(), config.webhook_secrets,
                   parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
-        api({config, data, store, scenes, jobs, feeds, webhooks, gate, parts.check, pool.size()}),
+        feeds_hooked(hook_feeds()),
+        jobs(data, store, scenes, pool, parts.bake, job_limits(config), import_limits(config),
+             &metrics),
+        janitor(data, store, scenes, uploads, jobs,
+                Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
+                parts.sweep_interval),
+        api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
+             pool.size()}),
         admin(admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
-    feeds.on_event([this](const EventRing* ring) { hub.notify(ring); });
   }
 
   ServerConfig config;
@@ -94,15 +98,24 @@ struct Service::Impl {
   TokenStore tokens;
   Gate gate;
   SceneStore scenes;
+  UploadStore uploads;
   Hub hub;
   baker::ThreadPool pool;
+  // What is told of events stands before the first of them: jobs that an earlier process left run
+  // as soon as there is a JobService.
+  Webhooks webhooks;
+  const bool feeds_hooked;
   JobService jobs;
   Janitor janitor;
-  Webhooks webhooks;
   Api api;
   Router admin;
   std::atomic<bool> draining{false};
   std::unique_ptr<HttpServer> api_server, admin_server;
+
+  bool hook_feeds() {
+    feeds.on_event([this](const EventRing* ring) { hub.notify(ring); });
+    return true;
+  }
 
   Response counted(Request& request) {
     const auto began = std::chrono::steady_clock::now();

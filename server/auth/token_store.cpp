@@ -58,7 +58,7 @@ Principal principal_of(const Token& token) {
     return std::find(token.scopes.begin(), token.scopes.end(), scope) != token.scopes.end();
   };
   const bool admin = has("admin");
-  return {token.tenant, admin || has("read"), admin || has("write"), admin};
+  return {token.tenant, admin || has("read"), admin || has("write"), admin, token.id};
 }
 
 }  // namespace

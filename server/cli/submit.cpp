@@ -98,7 +98,10 @@ void add_submit(CLI::App& app, Run& run) {
   flags->remote.add_server(*command);
   flags->remote.add_quiet(*command);
   command->footer(
-      R"(Without --wait the job's id is printed, and the job goes on without this program; so it does when
+      R"(The files are hashed first: a scene that the service has is not sent again. An upload of 8 MiB or
+more that breaks goes on where it was, also when the command is run again.
+
+Without --wait the job's id is printed, and the job goes on without this program; so it does when
 the program is interrupted.
 
 Examples:

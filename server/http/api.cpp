@@ -22,9 +22,12 @@ Api::Api(ApiParts parts)
       jobs_(parts.jobs),
       feeds_(parts.feeds),
       webhooks_(parts.webhooks),
+      uploads_(parts.uploads),
       gate_(parts.gate),
       check_(std::move(parts.check)),
       bake_threads_(parts.bake_threads),
+      tenant_rate_(config_.max_requests_per_minute_per_tenant),
+      token_rate_(config_.max_requests_per_minute_per_token),
       waits_(std::max<std::ptrdiff_t>(config_.http_threads / 2, 1)) {
   for (const Route& route : routes())
     router_.add(route.method, route.pattern,
@@ -48,6 +51,10 @@ const std::vector<Api::Route>& Api::routes() {
       {"POST", "/v1/jobs/{}/retry", &Api::retry_job},
       {"GET", "/v1/jobs/{}/events", &Api::get_events},
       {"GET", "/v1/events", &Api::get_all_events},
+      {"POST", "/v1/uploads", &Api::post_upload},
+      {"GET", "/v1/uploads/{}", &Api::get_upload},
+      {"PATCH", "/v1/uploads/{}", &Api::patch_upload},
+      {"DELETE", "/v1/uploads/{}", &Api::delete_upload},
       {"POST", "/v1/webhooks/test", &Api::test_webhook},
       {"GET", "/v1/jobs/{}/results", &Api::get_results},
       {"GET", "/v1/jobs/{}/results/{}", &Api::get_result},
@@ -69,8 +76,41 @@ Response Api::handle(Request& request) {
     auto principal = gate_.admit(request.head);
     if (!principal) return problem(principal.error(), request);
     request.principal = std::move(*principal);
+    return handle_limited(request);
   }
   return router_.route(request);
+}
+
+// Says with every answer what is left, as draft-ietf-httpapi-ratelimit-headers has it.
+Response Api::handle_limited(Request& request) {
+  const Principal& client = request.principal;
+  // A request that one of them refuses costs the other nothing.
+  const bool counts =
+      tenant_rate_.look(client.tenant).allowed && token_rate_.look(client.token).allowed;
+  const auto state = [&](RateLimiter& limiter, const std::string& key) {
+    return counts ? limiter.take(key) : limiter.look(key);
+  };
+  const std::pair<const char*, RateLimiter::State> states[]{
+      {"tenant", state(tenant_rate_, client.tenant)}, {"token", state(token_rate_, client.token)}};
+  std::string policies, now;
+  std::uint32_t retry = 0;
+  for (const auto& [name, left] : states) {
+    if (!left.limited) continue;
+    const std::string comma = policies.empty() ? "\"" : ", \"";
+    policies += comma + name + "\";q=" + std::to_string(left.limit) + ";w=60";
+    now += comma + name + "\";r=" + std::to_string(left.remaining) +
+           ";t=" + std::to_string(left.reset);
+    if (!left.allowed) retry = std::max(retry, left.retry);
+  }
+  Response response =
+      retry == 0 ? router_.route(request)
+                 : problem({"rate_limited",
+                            "Too many requests; one is allowed in " + std::to_string(retry) + " s.",
+                            {}},
+                           request);
+  if (policies.empty()) return response;
+  if (retry > 0) response.replace("Retry-After", std::to_string(retry));
+  return response.header("RateLimit-Policy", policies).header("RateLimit", now);
 }
 
 Response Api::get_root(Request& request) {
@@ -90,7 +130,7 @@ Response Api::get_openapi(Request&) {
   return json_response(200, openapi_document());
 }
 
-Response Api::get_capabilities(Request&) {
+Response Api::get_capabilities(Request& request) {
   const nlohmann::json schema = proto::settings_schema();
   nlohmann::json document{
       {"version", LIGHTKILN_VERSION},
@@ -108,6 +148,10 @@ Response Api::get_capabilities(Request&) {
                         {"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
                         {"tenant_running_jobs", config_.max_running_jobs_per_tenant},
                         {"tenant_result_bytes", config_.max_bytes_per_tenant},
+                        {"tenant_texels_per_day", config_.max_texels_per_tenant_per_day},
+                        {"tenant_cpu_seconds_per_day", config_.max_cpu_seconds_per_tenant_per_day},
+                        {"tenant_requests_per_minute", config_.max_requests_per_minute_per_tenant},
+                        {"token_requests_per_minute", config_.max_requests_per_minute_per_token},
                         {"upload_bytes", config_.max_upload_bytes},
                         {"request_json_bytes", config_.max_request_json_bytes},
                         {"queued_jobs", config_.max_queued_jobs},
@@ -123,6 +167,15 @@ Response Api::get_capabilities(Request&) {
                         {"image_pixels", import.image_pixels},
                         {"all_image_pixels", import.all_image_pixels},
                         {"lights", import.lights}};
+  const std::string& tenant = request.principal.tenant;
+  const JobService::Usage usage = jobs_.usage(tenant);
+  document["usage"] = {{"queued_jobs", usage.queued},
+                       {"running_jobs", usage.running},
+                       {"result_bytes", usage.result_bytes},
+                       {"upload_bytes", uploads_.bytes(tenant)},
+                       {"texels_today", usage.today.texels},
+                       {"cpu_seconds_today", usage.today.cpu_seconds},
+                       {"day", usage.day}};
   return json_response(200, document);
 }
 

@@ -12,6 +12,7 @@
 #include "baker/scene/import.h"
 #include "proto/expected.h"
 #include "server/auth/gate.h"
+#include "server/auth/rate_limiter.h"
 #include "server/config.h"
 #include "server/http/message.h"
 #include "server/http/router.h"
@@ -20,6 +21,7 @@
 #include "server/jobs/job_service.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
+#include "server/storage/upload_store.h"
 #include "server/webhooks/webhooks.h"
 
 namespace kiln::server {
@@ -37,6 +39,7 @@ struct ApiParts {
   JobService& jobs;
   EventFeeds& feeds;
   const Webhooks& webhooks;
+  UploadStore& uploads;
   const Gate& gate;
   CheckFunction check;
   unsigned bake_threads = 1;
@@ -50,6 +53,7 @@ class Api {
   Response handle(Request&);
 
  private:
+  Response handle_limited(Request&);
   Response post_job(Request&);
   Response post_scene(Request&);
   Response put_scene_named(Request&);
@@ -68,6 +72,10 @@ class Api {
   Response get_preview(Request&);
   Response test_webhook(Request&);
   Response get_capabilities(Request&);
+  Response post_upload(Request&);
+  Response get_upload(Request&);
+  Response patch_upload(Request&);
+  Response delete_upload(Request&);
   Response get_root(Request&);
   Response get_openapi(Request&);
 
@@ -76,6 +84,12 @@ class Api {
   proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
   /// Errors: `not_found`, for a job of another tenant too.
   proto::Expected<proto::Job> find_job(const Request&) const;
+  /// Errors: `not_found`, for an upload of another tenant too.
+  proto::Expected<PartialUpload> find_upload(const Request&) const;
+  proto::Expected<PartialUpload> wanted_upload(const Request&) const;
+  Response append_to_upload(Request&, const PartialUpload& before);
+  Response finish_upload(Request&, const PartialUpload&);
+  Response finished_upload(Request&, const PartialUpload&);
   /// A scene that the client uploaded, or may see. Errors: `not_found`.
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
   proto::Expected<SceneUpload> receive_scene(Request&);
@@ -108,10 +122,12 @@ class Api {
   JobService& jobs_;
   EventFeeds& feeds_;
   const Webhooks& webhooks_;
+  UploadStore& uploads_;
   const Gate& gate_;
   CheckFunction check_;
   unsigned bake_threads_;
   Router router_;
+  RateLimiter tenant_rate_, token_rate_;
   std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
   std::counting_semaphore<> previews_{2};
 };
@@ -124,6 +140,13 @@ std::vector<std::pair<std::string, std::string>> api_routes();
 
 /// A job as the answer, with its ETag.
 Response job_response(int status, const proto::Job&);
+
+/// A scene as the answer.
+Response scene_response(int status, const StoredScene&);
+std::string scene_path(const StoredScene&);
+
+/// The request's Idempotency-Key; "" when it has none. Errors: `bad_request`.
+proto::Expected<std::string> idempotency_key(const Request&);
 
 /// The routes of the admin port: /healthz, /readyz and /metrics.
 Router admin_routes(const DataFolder&, JobStore&, const std::function<bool()>& draining,

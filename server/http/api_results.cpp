@@ -13,6 +13,7 @@
 #include "server/http/problem.h"
 #include "server/http/zip.h"
 #include "server/jobs/ids.h"
+#include "server/jobs/job_log.h"
 
 namespace kiln::server {
 namespace {
@@ -109,8 +110,22 @@ Response Api::get_results(Request& request) {
   return json_response(200, *manifest).header("ETag", etag);
 }
 
+// The log of a job without results: one that runs or failed. Nothing: there is none yet.
+static std::optional<Response> log_response(const DataFolder& data, const std::string& id) {
+  auto text = proto::read_file(JobLog::path(data, id), JobLog::kMaxBytes);
+  if (!text) return std::nullopt;
+  Response response;
+  response.content_type = "text/plain; charset=utf-8";
+  response.body = std::move(*text);
+  response.header("Cache-Control", "no-store");
+  return response;
+}
+
 Response Api::get_result(Request& request) {
   auto job = find_finished(request);
+  if (!job && request.parameters.at(1) == "log.txt")
+    if (const auto any = find_job(request))
+      if (auto log = log_response(data_, any->id)) return std::move(*log);
   if (!job) return problem(job.error(), request);
   const std::string& name = request.parameters.at(1);
   // Only names that the store lists are ever turned into a path.
@@ -126,7 +141,8 @@ Response Api::get_result(Request& request) {
                                        {ContentPart::of(std::move(*file), found->bytes)});
   if (response.status >= 300) return response;
   response.content_type = found->media_type;
-  const bool shown = found->media_type.starts_with("image/png");
+  const bool shown =
+      found->media_type.starts_with("image/png") || found->media_type.starts_with("text/plain");
   return response.header("Content-Disposition", std::string(shown ? "inline" : "attachment") +
                                                     "; filename=\"" + name + "\"");
 }

@@ -5,7 +5,6 @@
 #include "server/http/problem.h"
 
 namespace kiln::server {
-namespace {
 
 std::string scene_path(const StoredScene& scene) {
   return "/v1/scenes/sha256:" + scene.key;
@@ -18,8 +17,6 @@ Response scene_response(int status, const StoredScene& scene) {
                                 {"side_files", scene.side_files},
                                 {"links", {{"self", scene_path(scene)}}}});
 }
-
-}  // namespace
 
 // Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
 // a job names the scene.

@@ -15,6 +15,8 @@ proto::Unexpected refuse(const char* pointer, const std::string& what) {
   return proto::fail("invalid_request", what, "request", pointer);
 }
 
+}  // namespace
+
 proto::Expected<std::string> idempotency_key(const Request& request) {
   const std::string* key = request.head.header("idempotency-key");
   if (!key) return std::string();
@@ -26,6 +28,8 @@ proto::Expected<std::string> idempotency_key(const Request& request) {
                      "The Idempotency-Key has to be 1 to 255 visible ASCII characters.", "request",
                      "/headers/idempotency-key");
 }
+
+namespace {
 
 // The seconds of `Prefer: wait=30` (RFC 7240), at most as long as any request may wait; 0: none.
 std::chrono::seconds preferred_wait(const Request& request) {

@@ -19,7 +19,9 @@ Response Api::test_webhook(Request& request) {
     std::counting_semaphore<>& slots;
     ~Release() { slots.release(); }
   } release{waits_};
+  const auto began = std::chrono::steady_clock::now();
   const Webhooks::Tested tested = webhooks_.test(*hook, tenant);
+  request.asleep += std::chrono::steady_clock::now() - began;
   nlohmann::json document{{"id", tested.id},
                           {"delivered", tested.answer.delivered()},
                           {"status", nullptr},

@@ -48,6 +48,11 @@ struct Response {
     headers.emplace_back(std::move(name), std::move(value));
     return *this;
   }
+  /// The same instead of a header that is there.
+  Response& replace(const std::string& name, std::string value) {
+    std::erase_if(headers, [&](const auto& entry) { return entry.first == name; });
+    return header(name, std::move(value));
+  }
 };
 
 using Handler = std::function<Response(Request&)>;

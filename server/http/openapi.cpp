@@ -42,6 +42,11 @@ json header(const char* name, const char* description) {
           {"description", description}};
 }
 
+json required(json parameter) {
+  parameter["required"] = true;
+  return parameter;
+}
+
 json path_parameter(const char* name, const char* pattern) {
   return {{"name", name},
           {"in", "path"},
@@ -210,6 +215,44 @@ json scene_paths() {
                           digest, body)}}}};
 }
 
+json with_headers(json answer, std::initializer_list<const char*> names) {
+  for (const char* name : names) answer["headers"][name] = {{"schema", kText}};
+  return answer;
+}
+
+json upload_paths() {
+  const json id = path_parameter("id", "^upl_[0-9a-z]{26}$");
+  const auto state = [](json answer) {
+    return with_headers(std::move(answer), {"Upload-Offset", "Upload-Length", "Upload-Complete"});
+  };
+  json post = operation("postUpload", "Begin an upload that can be resumed",
+                        {{"201", state(answer("Begun", "Upload"))},
+                         {"200", state(answer("The one that this key names", "Upload"))}},
+                        {required(header("Upload-Length", "bytes of the whole")),
+                         header("Idempotency-Key", "names this upload"),
+                         header("Repr-Digest", "sha-256 of the whole, checked at its end")});
+  json body = scene_body(json::object());
+  body["required"] = false;
+  body["description"] = "the first bytes of the whole, whose media type it tells";
+  post["requestBody"] = std::move(body);
+  json patch = operation("patchUpload", "Go on with it",
+                         {{"204", state({{"description", "Taken; there is more to come"}})},
+                          {"201", state(answer("It is whole: a new scene", "Scene"))},
+                          {"200", state(answer("It is whole: a scene that was known", "Scene"))},
+                          {"409", state(answer("It goes on at Upload-Offset"))}},
+                         {required(header("Upload-Offset", "bytes before this part"))});
+  patch["responses"]["409"]["content"] = content("application/problem+json", schema_ref("Problem"));
+  patch["requestBody"] = {{"required", true},
+                          {"content", {{"application/partial-upload", json::object()}}}};
+  return {{"/v1/uploads", {{"post", std::move(post)}}},
+          {"/v1/uploads/{id}",
+           {{"parameters", {id}},
+            {"get", operation("getUpload", "How far it is; HEAD tells it by headers",
+                              {{"200", state(answer("The upload", "Upload"))}})},
+            {"patch", std::move(patch)},
+            {"delete", operation("deleteUpload", "Forget it", {{"204", answer("Gone")}})}}}};
+}
+
 json service_paths() {
   return {
       {"/",
@@ -227,20 +270,24 @@ json service_paths() {
 
 json openapi_document() {
   json paths = service_paths();
-  for (const json& more : {scene_paths(), job_paths(), job_action_paths(), result_paths()})
+  for (const json& more :
+       {upload_paths(), scene_paths(), job_paths(), job_action_paths(), result_paths()})
     paths.update(more);
-  return {{"openapi", "3.1.0"},
-          {"info",
-           {{"title", "Lightkiln"},
-            {"version", LIGHTKILN_VERSION},
-            {"description", "Lightmaps for glTF scenes. docs/http-api.md explains it in words."},
-            {"license", {{"name", "Apache-2.0"}, {"identifier", "Apache-2.0"}}}}},
-          {"servers", {{{"url", "/"}}}},
-          {"security", {{{"token", json::array()}}, json::object()}},
-          {"paths", std::move(paths)},
-          {"components",
-           {{"schemas", openapi_schemas()},
-            {"securitySchemes", {{"token", {{"type", "http"}, {"scheme", "bearer"}}}}}}}};
+  json document{
+      {"openapi", "3.1.0"},
+      {"info",
+       {{"title", "Lightkiln"},
+        {"version", LIGHTKILN_VERSION},
+        {"description", "Lightmaps for glTF scenes. docs/http-api.md explains it in words."},
+        {"license", {{"name", "Apache-2.0"}, {"identifier", "Apache-2.0"}}}}},
+      {"servers", {{{"url", "/"}}}},
+      {"security", {{{"token", json::array()}}, json::object()}},
+      {"paths", std::move(paths)},
+      {"components",
+       {{"schemas", openapi_schemas()},
+        {"securitySchemes", {{"token", {{"type", "http"}, {"scheme", "bearer"}}}}}}}};
+  add_openapi_examples(document);
+  return document;
 }
 
 }  // namespace kiln::server

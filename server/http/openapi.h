@@ -8,6 +8,9 @@ namespace kiln::server {
 /// service answers are closed: a member that they don't name does not come.
 nlohmann::json openapi_document();
 
+/// Puts examples into that document (openapi_examples.cpp). Throws when an operation has none.
+void add_openapi_examples(nlohmann::json& document);
+
 /// The `components/schemas` of that document (openapi_schemas.cpp).
 nlohmann::json openapi_schemas();
 

@@ -188,6 +188,32 @@ json scene() {
                  {"links", closed({{"self", {{"type", "string"}}}})}});
 }
 
+json upload() {
+  return closed({{"id", {{"type", "string"}, {"pattern", "^upl_[0-9a-z]{26}$"}}},
+                 {"offset", integer()},
+                 {"length", integer(1)},
+                 {"complete", {{"type", "boolean"}}},
+                 {"expires_at", time("when it is forgotten")},
+                 {"scene", nullable(text("sha256:..., once it is whole"))},
+                 {"links", closed({{"self", {{"type", "string"}}}})}});
+}
+
+json capabilities() {
+  const json usage = closed({{"queued_jobs", integer()},
+                             {"running_jobs", integer()},
+                             {"result_bytes", integer()},
+                             {"upload_bytes", integer()},
+                             {"texels_today", integer()},
+                             {"cpu_seconds_today", {{"type", "number"}}},
+                             {"day", {{"type", "string"}, {"format", "date"}}}});
+  return {{"type", "object"},
+          {"properties",
+           {{"version", {{"type", "string"}}},
+            {"limits", {{"type", "object"}, {"additionalProperties", integer()}}},
+            {"usage", usage}}},
+          {"required", {"version", "limits", "usage"}}};
+}
+
 json result_file() {
   return closed({{"name", {{"type", "string"}}},
                  {"media_type", {{"type", "string"}}},
@@ -217,12 +243,13 @@ json openapi_schemas() {
           {"JobList", closed({{"items", list_of(ref("Job"))},
                               {"next_cursor", nullable({{"type", "string"}})}})},
           {"Scene", scene()},
+          {"Upload", upload()},
           {"Results",
            {{"type", "object"},
             {"description", "manifest.json, whose files have an href"},
             {"properties", {{"files", list_of(result_file())}}},
             {"required", {"files"}}}},
-          {"Capabilities", {{"type", "object"}}}};
+          {"Capabilities", capabilities()}};
 }
 
 }  // namespace kiln::server

@@ -41,9 +41,11 @@ std::string base64(const std::array<unsigned char, 32>& digest) {
   return {text.begin(), text.begin() + length};
 }
 
-// Hands the body on piece by piece. Counts bytes as they come: a Content-Length may be absent.
-Expected<void> for_each_piece(Request& request, std::uint64_t limit,
-                              const std::function<Expected<void>(std::string_view)>& take) {
+}  // namespace
+
+// Counts bytes as they come: a Content-Length may be absent.
+Expected<void> receive_body(Request& request, std::uint64_t limit,
+                            const std::function<Expected<void>(std::string_view)>& take) {
   if (request.head.content_length.value_or(0) > limit) return too_large(limit);
   std::vector<char> buffer(kPiece);
   std::uint64_t total = 0;
@@ -62,6 +64,8 @@ Expected<void> for_each_piece(Request& request, std::uint64_t limit,
     if (auto ok = take({buffer.data(), static_cast<std::size_t>(got)}); !ok) return ok;
   }
 }
+
+namespace {
 
 bool is_plain_text(const std::string& name) {
   return std::none_of(name.begin(), name.end(),
@@ -143,8 +147,8 @@ Expected<void> receive_parts(Request& request, const std::string& boundary,
   MultipartReader reader(boundary, {[&](const PartHead& head) { return parts.begin(head); },
                                     [&](std::string_view bytes) { return parts.data(bytes); },
                                     [&] { return parts.end(); }});
-  auto done = for_each_piece(request, limits.body_bytes,
-                             [&](std::string_view bytes) { return reader.feed(bytes); });
+  auto done = receive_body(request, limits.body_bytes,
+                           [&](std::string_view bytes) { return reader.feed(bytes); });
   if (!done) return done;
   return reader.finish();
 }
@@ -166,14 +170,17 @@ std::string media_type(const RequestHead& head) {
   return type;
 }
 
+bool is_scene_type(const std::string& type) {
+  return type == "multipart/form-data" || type == "model/gltf-binary" ||
+         type == "model/gltf+json" || type == "application/octet-stream" || type.empty();
+}
+
 Expected<Upload> receive_upload(Request& request, const DataFolder& data,
                                 const UploadLimits& limits, bool for_job) {
   if (auto ok = check_encoding(request.head); !ok) return proto::Unexpected(ok.error());
   const std::string type = media_type(request.head);
   const bool multipart = type == "multipart/form-data";
-  const bool bare = type == "model/gltf-binary" || type == "model/gltf+json" ||
-                    type == "application/octet-stream" || type.empty();
-  if (!multipart && !bare)
+  if (!is_scene_type(type))
     return fail("unsupported_media_type",
                 "Send multipart/form-data, or the file as model/gltf-binary, model/gltf+json or "
                 "application/octet-stream; not " +
@@ -190,8 +197,8 @@ Expected<Upload> receive_upload(Request& request, const DataFolder& data,
   } else {
     done = parts.begin({"scene", std::nullopt, type});
     if (done)
-      done = for_each_piece(request, limits.body_bytes,
-                            [&](std::string_view bytes) { return parts.data(bytes); });
+      done = receive_body(request, limits.body_bytes,
+                          [&](std::string_view bytes) { return parts.data(bytes); });
     if (done) done = parts.end();
   }
   if (!done) return proto::Unexpected(done.error());
@@ -203,7 +210,7 @@ Expected<Upload> receive_upload(Request& request, const DataFolder& data,
 Expected<std::string> receive_text(Request& request, std::uint64_t max_bytes) {
   if (auto ok = check_encoding(request.head); !ok) return proto::Unexpected(ok.error());
   std::string text;
-  auto done = for_each_piece(request, max_bytes, [&](std::string_view bytes) {
+  auto done = receive_body(request, max_bytes, [&](std::string_view bytes) {
     text += bytes;
     return Expected<void>();
   });

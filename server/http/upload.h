@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "proto/expected.h"
 #include "server/http/message.h"
@@ -32,6 +34,15 @@ proto::Expected<Upload> receive_upload(Request&, const DataFolder&, const Upload
 
 /// A JSON body as text. Errors: `payload_too_large`, `bad_request`.
 proto::Expected<std::string> receive_text(Request&, std::uint64_t max_bytes);
+
+/// Hands the body on piece by piece. Errors: those of `take`, `payload_too_large`, `bad_request`
+/// when it ends early, `digest_mismatch` when it has not its Content-Digest.
+proto::Expected<void> receive_body(
+    Request&, std::uint64_t max_bytes,
+    const std::function<proto::Expected<void>(std::string_view)>& take);
+
+/// Whether a scene can be sent as this media type.
+bool is_scene_type(const std::string& media_type);
 
 /// The media type of a Content-Type, lower case, without parameters; "" when absent.
 std::string media_type(const RequestHead&);

@@ -10,8 +10,14 @@
 namespace kiln::server {
 
 Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scenes,
-                 JobService& jobs, Retention retention, std::chrono::milliseconds interval)
-    : data_(data), store_(store), scenes_(scenes), jobs_(jobs), retention_(retention) {
+                 UploadStore& uploads, JobService& jobs, Retention retention,
+                 std::chrono::milliseconds interval)
+    : data_(data),
+      store_(store),
+      scenes_(scenes),
+      uploads_(uploads),
+      jobs_(jobs),
+      retention_(retention) {
   thread_ = std::jthread([this, interval](std::stop_token stop) {
     std::mutex mutex;
     std::condition_variable_any wake;
@@ -28,7 +34,9 @@ Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scen
 }
 
 void Janitor::sweep() {
+  const std::lock_guard lock(sweeping_);
   sweep_jobs();
+  uploads_.sweep(now_rfc3339());
   sweep_checkpoints();
   sweep_scenes();
   if (retention_.max_bytes > 0) sweep_to_budget();

@@ -2,9 +2,11 @@
 
 #include <chrono>
 #include <cstdint>
+#include <mutex>
 #include <thread>
 
 #include "server/jobs/job_service.h"
+#include "server/storage/upload_store.h"
 
 namespace kiln::server {
 
@@ -16,11 +18,11 @@ struct Retention {
   std::uint64_t max_bytes = 0;
 };
 
-/// Deletes what is no longer needed, on a thread of its own: jobs past their time to live, then
-/// leftovers, then old jobs as far as the disk budget asks for it.
+/// Deletes what is no longer needed, on a thread of its own: jobs past their time to live, uploads
+/// that nobody finished, leftovers, then old jobs as far as the disk budget asks for it.
 class Janitor {
  public:
-  Janitor(const DataFolder&, JobStore&, const SceneStore&, JobService&, Retention,
+  Janitor(const DataFolder&, JobStore&, const SceneStore&, UploadStore&, JobService&, Retention,
           std::chrono::milliseconds interval);
   /// One round, on the calling thread. Throws DatabaseError.
   void sweep();
@@ -35,8 +37,10 @@ class Janitor {
   const DataFolder& data_;
   JobStore& store_;
   const SceneStore& scenes_;
+  UploadStore& uploads_;
   JobService& jobs_;
   Retention retention_;
+  std::mutex sweeping_;  ///< two rounds at once would both free the room that one of them needs
   std::jthread thread_;
 };
 

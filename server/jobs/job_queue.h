@@ -31,6 +31,7 @@ class JobQueue {
   std::size_t size() const { return size_; }
   std::size_t waiting(const std::string& tenant) const { return count(waiting_, tenant); }
   std::size_t running() const { return running_total_; }
+  std::size_t running(const std::string& tenant) const { return count(running_, tenant); }
 
  private:
   using Counts = std::map<std::string, std::size_t>;

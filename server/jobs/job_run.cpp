@@ -69,6 +69,8 @@ JobRun::Outcome JobRun::bake() {
     auto scene = context_.scenes.find(job.scene_sha256);
     if (!scene) return {scene.error(), {}};
     if (auto made = context_.data.make_job_folders(job.id); !made) return {made.error(), {}};
+    log_.line("attempt " + std::to_string(job.attempt) + " of job " + job.id +
+              ", scene sha256:" + job.scene_sha256 + ", lightkiln " LIGHTKILN_VERSION);
     const baker::BakeInput input{scene->files,
                                  job.settings,
                                  context_.import_limits,
@@ -90,6 +92,7 @@ JobRun::Outcome JobRun::bake() {
                            {}},
               {}};
     if (!manifest) return {manifest.error(), {}};
+    texels_ = manifest->statistics.texels;
     auto files = collect(*manifest);
     if (!files) return {files.error(), {}};
     return {std::nullopt, std::move(*files)};
@@ -109,14 +112,28 @@ JobRun::Outcome JobRun::bake() {
 proto::Expected<std::vector<proto::ResultFile>> JobRun::collect(
     const proto::Manifest& manifest) const {
   const auto folder = context_.data.results(job_.id);
+  log_.line("done: " + std::to_string(manifest.statistics.texels) + " texels, " +
+            std::to_string(manifest.pages.size()) + " pages");
+  if (auto copied = copy_log(folder / "log.txt"); !copied) return proto::Unexpected(copied.error());
   if (auto synced = proto::sync_tree(folder); !synced) return proto::Unexpected(synced.error());
   std::vector<proto::ResultFile> files;
   for (const auto& file : manifest.files)
-    if (is_plain_name(file.name) && file.name != "manifest.json") files.push_back(file);
-  auto digest = proto::digest_file(folder / "manifest.json");
-  if (!digest) return proto::Unexpected(digest.error());
-  files.push_back({"manifest.json", "application/json", digest->bytes, digest->sha256});
+    if (is_plain_name(file.name) && file.name != "manifest.json" && file.name != "log.txt")
+      files.push_back(file);
+  for (const auto& [name, type] : {std::pair("log.txt", "text/plain; charset=utf-8"),
+                                   std::pair("manifest.json", "application/json")}) {
+    auto digest = proto::digest_file(folder / name);
+    if (!digest) return proto::Unexpected(digest.error());
+    files.push_back({name, type, digest->bytes, digest->sha256});
+  }
   return files;
+}
+
+// As it is now: a result has to stay as it is, and later attempts go on with the log.
+proto::Expected<void> JobRun::copy_log(const std::filesystem::path& to) const {
+  auto text = proto::read_file(JobLog::path(context_.data, job_.id), JobLog::kMaxBytes);
+  if (!text) text = std::string();  // on a disk that was full
+  return proto::write_bytes(to, *text);
 }
 
 void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
@@ -149,6 +166,10 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   }
+  log_.line(std::string("state ") + proto::to_string(end) +
+            (end == JobState::kFailed && outcome.error
+                 ? ": " + outcome.error->code + ": " + outcome.error->message
+                 : ""));
   if (context_.metrics && proto::is_terminal(end)) context_.metrics->job_ended(end);
   // The others may be run again from theirs.
   if (end == JobState::kSucceeded) context_.data.remove_checkpoints(job_.id);
@@ -166,6 +187,7 @@ void JobRun::record(const std::function<void()>& change) {
 }
 
 void JobRun::on_stage(const std::string& name) {
+  log_.line("stage " + name);
   record([&] {
     job_.stored.job.progress.stage = name;
     const JobState state = name == "solve"    ? JobState::kRunning
@@ -189,6 +211,7 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
 }
 
 void JobRun::on_resume(std::uint32_t passes) {
+  log_.line("goes on after " + std::to_string(passes) + " passes of an earlier attempt");
   log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
   const nlohmann::json data{
       {"level", "info"},
@@ -200,6 +223,8 @@ void JobRun::on_resume(std::uint32_t passes) {
 
 // A pass that is done is progress: what ended the attempts before was not this job.
 void JobRun::on_pass(const proto::PassReport& report) {
+  log_.line("pass " + std::to_string(report.index) + " " + report.name + ": " +
+            proto::to_text(proto::to_json(report)));
   if (context_.metrics) context_.metrics->pass_done(report);
   record([&] {
     job_.stored.crashes = 0;
@@ -208,11 +233,13 @@ void JobRun::on_pass(const proto::PassReport& report) {
 }
 
 void JobRun::on_snapshot(baker::Snapshot snapshot) {
+  if (snapshot.texels) texels_ = snapshot.texels->size();
   const std::lock_guard lock(job_.mutex);
   job_.snapshot = std::move(snapshot);
 }
 
 void JobRun::on_warning(const proto::Warning& warning) {
+  log_.line("warning " + warning.code + " " + warning.pointer + ": " + warning.message);
   nlohmann::json data = proto::to_json(warning);
   data["level"] = "warning";
   record([&] { add_event(context_.store, job_, "log", data); });

@@ -9,6 +9,7 @@
 
 #include "baker/bake.h"
 #include "server/jobs/job_changes.h"
+#include "server/jobs/job_log.h"
 #include "server/jobs/job_service.h"
 
 namespace kiln::server {
@@ -30,10 +31,12 @@ struct RunContext {
 /// ended. Whatever the bake throws fails this job only.
 class JobRun final : public baker::BakeObserver {
  public:
-  JobRun(const RunContext& context, LiveJob& job) : context_(context), job_(job) {}
+  JobRun(const RunContext& context, LiveJob& job)
+      : context_(context), job_(job), log_(JobLog::path(context.data, job.id)) {}
 
   /// Returns when the job is over, or back in the queue because `service_stop` was requested.
   void run(std::stop_token service_stop);
+  std::uint64_t texels() const { return texels_; }  ///< whose light was computed
 
   void on_stage(const std::string& name) override;
   void on_resume(std::uint32_t passes) override;
@@ -49,13 +52,16 @@ class JobRun final : public baker::BakeObserver {
   };
   Outcome bake();
   proto::Expected<std::vector<proto::ResultFile>> collect(const proto::Manifest&) const;
+  proto::Expected<void> copy_log(const std::filesystem::path& to) const;
   void conclude(Outcome, std::stop_token service_stop);
   /// Runs `change` under the job's mutex; a store failure is logged, since the bake can go on.
   void record(const std::function<void()>& change);
 
   const RunContext& context_;
   LiveJob& job_;
+  const JobLog log_;
   std::atomic<bool> timed_out_{false};
+  std::atomic<std::uint64_t> texels_{0};
   std::chrono::steady_clock::time_point last_progress_{};  ///< guarded by job_.mutex
 };
 

@@ -99,7 +99,33 @@ proto::Expected<void> JobService::check_room(const std::string& tenant) const {
     return proto::fail("quota_exceeded", "The results of this tenant's jobs have reached " +
                                              std::to_string(limits_.tenant_bytes) +
                                              " bytes: delete some.");
+  return check_day(tenant);
+}
+
+proto::Expected<void> JobService::check_day(const std::string& tenant) const {
+  if (limits_.tenant_texels == 0 && limits_.tenant_cpu_seconds == 0) return {};
+  const auto today = store_.usage(tenant, now_rfc3339().substr(0, 10));
+  const auto refuse = [](std::uint64_t limit, const char* what) {
+    return proto::fail("quota_exceeded", "The tenant's jobs have taken their " +
+                                             std::to_string(limit) + " " + what +
+                                             " of this day (UTC).");
+  };
+  if (limits_.tenant_texels > 0 && today.texels >= limits_.tenant_texels)
+    return refuse(limits_.tenant_texels, "texels");
+  if (limits_.tenant_cpu_seconds > 0 && today.cpu_seconds >= double(limits_.tenant_cpu_seconds))
+    return refuse(limits_.tenant_cpu_seconds, "processor seconds");
   return {};
+}
+
+JobService::Usage JobService::usage(const std::string& tenant) const {
+  Usage usage;
+  usage.day = now_rfc3339().substr(0, 10);
+  usage.today = store_.usage(tenant, usage.day);
+  usage.result_bytes = store_.result_bytes(tenant);
+  const std::lock_guard lock(mutex_);
+  usage.queued = queue_.waiting(tenant);
+  usage.running = queue_.running(tenant);
+  return usage;
 }
 
 proto::Expected<void> JobService::accepting(const std::string& tenant,
@@ -261,16 +287,27 @@ JobService::LivePtr JobService::next_job(std::stop_token stop) {
 
 void JobService::runner_loop(std::stop_token stop) {
   while (const LivePtr job = next_job(stop)) {
-    const RunContext context{data_,   store_,   scenes_,
-                             pool_,   bake_,    import_limits_,
-                             limits_, metrics_, [&] {
-          notify(*job); }};
-    JobRun(context, *job).run(stop);
+    run_job(job, stop);
     {
       const std::lock_guard lock(mutex_);
       queue_.release(job->stored.job.tenant);
     }
     settle(job);
+  }
+}
+
+void JobService::run_job(const LivePtr& job, std::stop_token stop) {
+  const RunContext context{data_,   store_,   scenes_,
+                           pool_,   bake_,    import_limits_,
+                           limits_, metrics_, [&] { notify(*job); }};
+  const CpuMeter::Run cpu(cpu_meter_);
+  JobRun run(context, *job);
+  run.run(std::move(stop));
+  try {
+    store_.add_usage(job->stored.job.tenant, now_rfc3339().substr(0, 10),
+                     {run.texels(), cpu.seconds()});
+  } catch (const DatabaseError& e) {
+    log_line(LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
   }
 }
 

@@ -18,6 +18,7 @@
 #include "baker/bake.h"
 #include "proto/expected.h"
 #include "proto/job.h"
+#include "server/jobs/cpu_meter.h"
 #include "server/jobs/event_ring.h"
 #include "server/jobs/job_queue.h"
 #include "server/jobs/job_store.h"
@@ -44,6 +45,8 @@ struct JobLimits {
   /// Of one tenant; 0: no limit. Beyond: `quota_exceeded`, or waiting for the second.
   std::uint32_t tenant_queued = 0, tenant_running = 0;
   std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
+  /// Of one tenant in a day of UTC; 0: no limit.
+  std::uint64_t tenant_texels = 0, tenant_cpu_seconds = 0;
 };
 
 /// What submit() takes.
@@ -137,6 +140,15 @@ class JobService {
   };
   Counts counts() const;
 
+  /// What a tenant has and took, for its quotas.
+  struct Usage {
+    std::size_t queued = 0, running = 0;
+    std::uint64_t result_bytes = 0;
+    std::string day;  ///< "2026-11-22", UTC
+    server::Usage today;
+  };
+  Usage usage(const std::string& tenant) const;
+
   void begin_drain();  ///< no new jobs from now on, and no queued one is started
   /// Whether the running jobs ended in time.
   bool wait_idle(std::chrono::milliseconds) const;
@@ -150,6 +162,7 @@ class JobService {
   class KeyInUse;
 
   proto::Expected<void> check_room(const std::string& tenant) const;  ///< needs mutex_
+  proto::Expected<void> check_day(const std::string& tenant) const;
   void recover();
   void clear_leftovers() const;
   void add_live(const LivePtr&);  ///< needs mutex_
@@ -158,6 +171,7 @@ class JobService {
   bool has_moved(const std::string& id, std::optional<std::uint64_t> since) const;
   LivePtr next_job(std::stop_token);
   void runner_loop(std::stop_token);
+  void run_job(const LivePtr&, std::stop_token);
   void settle(const LivePtr&);
   void notify(const LiveJob&);
   void retire(const LivePtr&);
@@ -177,6 +191,7 @@ class JobService {
   JobLimits limits_;
   baker::ImportLimits import_limits_;
   Metrics* metrics_;  ///< null: nobody counts
+  CpuMeter cpu_meter_;
   std::function<void(const EventRing*)> event_hook_;
 
   mutable std::mutex mutex_;  ///< guards what follows

@@ -49,7 +49,7 @@ std::int64_t JobStore::insert(const StoredJob& stored, const std::vector<proto::
 
 void JobStore::write(const std::string& tenant, Durability durability,
                      const std::function<void()>& body) {
-  bool deliveries = false;
+  std::function<void()> delivered;
   {
     const std::lock_guard lock(write_mutex_);
     fresh_.clear();
@@ -57,9 +57,9 @@ void JobStore::write(const std::string& tenant, Durability durability,
     writer_.transaction(durability, body);
     // Under the lock, so that the feed's order is that of its ids.
     if (feed_hook_ && !fresh_.empty()) feed_hook_(tenant, fresh_);
-    deliveries = new_deliveries_;
+    if (new_deliveries_) delivered = delivery_hook_;
   }
-  if (delivery_hook_ && deliveries) delivery_hook_();
+  if (delivered) delivered();
 }
 
 void JobStore::put_events(const proto::Job& job, const std::vector<proto::Event>& events) {

@@ -52,6 +52,12 @@ struct Delivery {
   std::uint32_t tries = 0;  ///< that failed
 };
 
+/// What the bakes of a tenant took in a day.
+struct Usage {
+  std::uint64_t texels = 0;
+  double cpu_seconds = 0;
+};
+
 /// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
 /// mutex. Throws DatabaseError.
 class JobStore {
@@ -114,6 +120,10 @@ class JobStore {
   std::vector<std::string> oldest_over(std::uint32_t limit) const;  ///< ids of jobs that are over
   std::vector<proto::Event> events_after(const std::string& id, std::uint64_t after) const;
   std::vector<proto::ResultFile> results(const std::string& id) const;
+
+  /// `day`: "2026-11-22". Adding forgets days that are long over.
+  void add_usage(const std::string& tenant, const std::string& day, const Usage&);
+  Usage usage(const std::string& tenant, const std::string& day) const;
 
   bool writable();  ///< whether a transaction can be written now
 

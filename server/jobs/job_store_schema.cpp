@@ -104,6 +104,15 @@ CREATE TABLE delivery (
   due_ms INTEGER NOT NULL
 ) STRICT;
 CREATE INDEX delivery_due ON delivery (due_ms);
+)sql",
+    R"sql(
+CREATE TABLE usage (
+  tenant TEXT NOT NULL,
+  day TEXT NOT NULL,
+  texels INTEGER NOT NULL,
+  cpu_seconds REAL NOT NULL,
+  PRIMARY KEY (tenant, day)
+) STRICT, WITHOUT ROWID;
 )sql"};
 static_assert(std::size(kJobMigrations) == kJobSchemaVersion);
 

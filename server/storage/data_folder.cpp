@@ -34,7 +34,7 @@ proto::Expected<DataFolder> DataFolder::open(const fs::path& path) {
                                                  " is in use by another lightkiln server.");
   std::error_code ignored_when_absent;
   fs::remove_all(root / "tmp", ignored_when_absent);
-  for (const char* name : {"scenes", "jobs", "tmp"})
+  for (const char* name : {"scenes", "jobs", "uploads", "tmp"})
     if (auto made = make_folder(root / name); !made) return proto::Unexpected(made.error());
   if (auto ok = proto::sync_folder(root); !ok) return proto::Unexpected(ok.error());
   return DataFolder(root, std::move(lock));
@@ -98,7 +98,7 @@ bool DataFolder::writable() const {
 std::uint64_t DataFolder::bytes() const {
   std::uint64_t total = 0;
   std::set<ino_t> counted;
-  for (const auto& folder : {scenes(), root_ / "jobs"}) {
+  for (const auto& folder : {scenes(), root_ / "jobs", uploads()}) {
     std::error_code error;
     for (fs::recursive_directory_iterator at(folder, error), end; !error && at != end;
          at.increment(error)) {

@@ -13,7 +13,8 @@ namespace kiln::server {
 
 /// The service's folder. One server at a time owns it, by a lock that the kernel drops with the
 /// process.
-///   lock  jobs.db  tokens.db  scenes/<sha256>/  jobs/<id>/{checkpoints,results}/  tmp/
+///   lock  jobs.db  tokens.db  scenes/<sha256>/  jobs/<id>/{checkpoints,results}/
+///   uploads/<id>/  tmp/
 class DataFolder {
  public:
   /// Creates what is missing, takes the lock and empties tmp/.
@@ -28,6 +29,7 @@ class DataFolder {
     return root / "tokens.db";
   }
   std::filesystem::path scenes() const { return root_ / "scenes"; }
+  std::filesystem::path uploads() const { return root_ / "uploads"; }
   std::filesystem::path temporary() const { return root_ / "tmp"; }
   std::filesystem::path job(const std::string& id) const { return root_ / "jobs" / id; }
   std::filesystem::path results(const std::string& id) const { return job(id) / "results"; }
@@ -48,8 +50,9 @@ class DataFolder {
 
   /// Whether a small file can be written now.
   bool writable() const;
-  double free_share() const;    ///< of the disk, 0..1
-  std::uint64_t bytes() const;  ///< of scenes and jobs; a file with several names counts once
+  double free_share() const;  ///< of the disk, 0..1
+  std::uint64_t bytes()
+      const;  ///< of scenes, jobs and uploads; a file with several names counts once
 
  private:
   DataFolder(std::filesystem::path root, proto::Fd lock)

@@ -66,17 +66,15 @@ baker::SceneFiles SceneUpload::files() const {
   return files;
 }
 
-SceneIdentity identify_scene(const std::string& main_sha256, std::vector<UploadedFile> side) {
-  sort_by_name(side);
-  SceneIdentity identity;
-  identity.index = main_sha256 + "  \n";
-  for (const auto& file : side) identity.index += file.sha256 + "  " + file.name + "\n";
-  identity.key = side.empty() ? main_sha256 : proto::sha256_hex(identity.index);
-  return identity;
+proto::SceneName identify_scene(const std::string& main_sha256,
+                                const std::vector<UploadedFile>& side) {
+  std::vector<proto::SideDigest> digests;
+  for (const auto& file : side) digests.push_back({file.name, file.sha256});
+  return proto::scene_name(main_sha256, std::move(digests));
 }
 
 proto::Expected<SceneStore::Put> SceneStore::put(SceneUpload&& upload) const {
-  const SceneIdentity identity = identify_scene(upload.main->sha256, upload.side);
+  const proto::SceneName identity = identify_scene(upload.main->sha256, upload.side);
   if (auto known = use(identity.key)) return Put{std::move(*known), false};
 
   sort_by_name(upload.side);

@@ -11,6 +11,7 @@
 
 #include "baker/scene/import.h"
 #include "proto/expected.h"
+#include "proto/scene_name.h"
 #include "server/storage/data_folder.h"
 
 namespace kiln::server {
@@ -53,10 +54,7 @@ struct StoredScene {
   baker::SceneFiles files;
 };
 
-/// Scenes named by content. The key of a scene without side files is the SHA-256 of the file; with
-/// side files it is the SHA-256 of the text "<sha256 of main>  \n" followed by one line
-/// "<sha256>  <name>\n" per side file, sorted by name. That text is kept beside the files as
-/// `index`.
+/// Scenes named by content (proto::SceneName), whose index is kept beside the files.
 class SceneStore {
  public:
   explicit SceneStore(const DataFolder& data) : data_(data) {}
@@ -81,10 +79,8 @@ class SceneStore {
   mutable std::mutex mutex_;  ///< between use() and collect(): a scene is marked, or gone
 };
 
-/// The key and the index text of an upload, as described at SceneStore.
-struct SceneIdentity {
-  std::string key, index;
-};
-SceneIdentity identify_scene(const std::string& main_sha256, std::vector<UploadedFile> side);
+/// What an upload will be called.
+proto::SceneName identify_scene(const std::string& main_sha256,
+                                const std::vector<UploadedFile>& side);
 
 }  // namespace kiln::server

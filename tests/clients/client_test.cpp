@@ -79,6 +79,122 @@ TEST(Client, SubmitSendsEveryPartAsItIs) {
             R"({"dedupe":false,"labels":{"a":"b"},"priority":7})");
 }
 
+TEST(Client, ASceneThatTheServiceHasIsNotSent) {
+  const test::TempFolder dir;
+  FakeService service;
+  json sent;
+  // httplib answers HEAD by the GET route.
+  service.http.Get("/v1/scenes/sha256:" + std::string(kAbc),
+                   [](const httplib::Request&, httplib::Response& res) { res.status = 200; });
+  service.http.Post("/v1/jobs", [&](const httplib::Request& req, httplib::Response& res) {
+    EXPECT_EQ(req.get_header_value("Content-Type"), "application/json");
+    sent = json::parse(req.body);
+    res.status = 202;
+    res.set_content(job_text(), "application/json");
+  });
+  service.start();
+  const auto job =
+      Client(service.url()).submit({dir.write("a.glb", "abc"), {}, R"({"solver":{"seed":4}})", {}});
+  ASSERT_TRUE(job) << job.error().message;
+  EXPECT_EQ(sent["scene"], "sha256:" + std::string(kAbc));
+  EXPECT_EQ(sent["settings"]["solver"]["seed"], 4);
+  EXPECT_EQ(sent["dedupe"], true);
+  EXPECT_FALSE(sent.contains("ttl_seconds"));
+}
+
+/// Takes an upload in pieces of at most `piece` bytes, and breaks the connection after each.
+struct FakeUploads {
+  std::string received;
+  std::size_t piece = 3'000'000;
+  int patches = 0;
+
+  void serve(httplib::Server& http, std::size_t length) {
+    http.Post("/v1/uploads", [=](const httplib::Request& req, httplib::Response& res) {
+      EXPECT_EQ(req.get_header_value("Upload-Length"), std::to_string(length));
+      EXPECT_TRUE(req.get_header_value("Idempotency-Key").starts_with("scene-"));
+      res.status = 201;
+      res.set_header("Location", "/v1/uploads/upl_1");
+      res.set_header("Upload-Offset", "0");
+    });
+    http.Get("/v1/uploads/upl_1", [this](const httplib::Request&, httplib::Response& res) {
+      res.set_header("Upload-Offset", std::to_string(received.size()));
+    });
+    http.Patch("/v1/uploads/upl_1", [=, this](const httplib::Request& req, httplib::Response& res,
+                                              const httplib::ContentReader& body) {
+      ++patches;
+      EXPECT_EQ(req.get_header_value("Upload-Offset"), std::to_string(received.size()));
+      std::size_t taken = 0;
+      const bool whole = body([&](const char* data, std::size_t size) {
+        const std::size_t fits = std::min(size, piece - taken);
+        received.append(data, fits);
+        taken += fits;
+        return fits == size;  // or the connection breaks
+      });
+      if (!whole || received.size() < length) return;
+      res.status = 201;
+      res.set_content(R"({"id":"sha256:whole"})", "application/json");
+    });
+  }
+};
+
+TEST(Client, ALargeUploadGoesOnWhereItBroke) {
+  const test::TempFolder dir;
+  std::string bytes(Client::kResumableBytes, 'a');
+  for (std::size_t i = 0; i < bytes.size(); i += 997) bytes[i] = static_cast<char>(i >> 8);
+  FakeService service;
+  FakeUploads uploads;
+  uploads.serve(service.http, bytes.size());
+  std::string scene;
+  service.http.Post("/v1/jobs", [&](const httplib::Request& req, httplib::Response& res) {
+    scene = json::parse(req.body)["scene"];
+    res.status = 202;
+    res.set_content(job_text(), "application/json");
+  });
+  service.start();
+  RetryPolicy quick;
+  quick.first = quick.longest = std::chrono::milliseconds(10);
+  const auto job = Client(service.url()).submit({dir.write("a.glb", bytes), {}, "", {}}, quick);
+  ASSERT_TRUE(job) << job.error().message;
+  EXPECT_EQ(scene, "sha256:whole");
+  EXPECT_TRUE(uploads.received == bytes);
+  EXPECT_GE(uploads.patches, 3);
+}
+
+TEST(Client, AServiceWithoutUploadsGetsALargeSceneAtOnce) {
+  const test::TempFolder dir;
+  FakeService service;
+  std::size_t received = 0;
+  service.http.Post("/v1/jobs", [&](const httplib::Request& req, httplib::Response& res) {
+    received = req.files.find("scene")->second.content.size();
+    res.status = 202;
+    res.set_content(job_text(), "application/json");
+  });
+  service.start();
+  const std::string bytes(Client::kResumableBytes, 'a');
+  ASSERT_TRUE(Client(service.url()).submit({dir.write("a.glb", bytes), {}, "", {}}));
+  EXPECT_EQ(received, bytes.size());
+}
+
+TEST(Client, AnUploadThatNobodyTakesIsGivenUp) {
+  const test::TempFolder dir;
+  FakeService service;
+  service.http.Post("/v1/uploads", [](const httplib::Request&, httplib::Response& res) {
+    res.status = 503;
+    res.set_content(proto::to_text(proto::problem_json({"draining", "Going.", {}}, 503, "r")),
+                    "application/problem+json");
+  });
+  service.start();
+  RetryPolicy quick;
+  quick.first = quick.longest = std::chrono::milliseconds(10);
+  quick.give_up = std::chrono::milliseconds(100);
+  const auto job =
+      Client(service.url())
+          .submit({dir.write("a.glb", std::string(Client::kResumableBytes, 'a')), {}, "", {}},
+                  quick);
+  ASSERT_FALSE(job);
+  EXPECT_EQ(job.error().code, "draining");
+}
+
 TEST(Client, TheServicesProblemsComeThrough) {
   FakeService service;
   const proto::Error problem{"not_found", "no such job", {{"request", "/id", "gone"}}};

@@ -42,8 +42,8 @@ TEST_F(Bakes, ASceneWithoutSettingsBecomesVerifiedFiles) {
     EXPECT_EQ(file["sha256"], digest) << name;
     EXPECT_EQ(got.headers.at("etag"), "\"" + digest + "\"") << name;
   }
-  EXPECT_EQ(names,
-            (std::set<std::string>{"lit.glb", "manifest.json", "page_00.exr", "page_00.png"}));
+  EXPECT_EQ(names, (std::set<std::string>{"lit.glb", "log.txt", "manifest.json", "page_00.exr",
+                                          "page_00.png"}));
   EXPECT_EQ(curl("-X DELETE " + job_url(id)).status, 204);
   EXPECT_EQ(curl(job_url(id, "/results")).status, 404);
 }

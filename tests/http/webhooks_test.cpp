@@ -88,7 +88,7 @@ TEST_F(Webhook, TellsOfTheEventsThatItNames) {
   const json events{"job.state", "pass.completed", "result.ready", "job.end"};
   ASSERT_EQ(post(live.port(), {{"url", receiver.url()}, {"events", events}}).status, 202);
   std::map<std::string, int> types;
-  for (const auto& message : receiver.wait(7)) {
+  for (const auto& message : receiver.wait(8)) {
     ++types[json::parse(message.body)["type"].get<std::string>()];
     EXPECT_EQ(message.header("webhook-signature"), "") << "no secret_ref, no signature";
   }
@@ -139,7 +139,9 @@ TEST_F(Webhook, HangingAndEndlessReceiversHoldUpNoOther) {
   Receiver endless(
       {"HTTP/1.1 200 OK\r\nContent-Length: 99999999\r\n\r\n" + std::string(300'000, 'x')});
   Receiver good;
-  const Live live(parts(fake_.instant()), config());
+  ServiceParts patient = parts(fake_.instant());
+  patient.webhook_limits.total = std::chrono::seconds(60);
+  const Live live(std::move(patient), config());
   for (int i = 0; i < 6; ++i) post(live.port(), {{"url", hanging.url()}});
   ASSERT_EQ(hanging.wait(2).size(), 2u);
   const auto began = std::chrono::steady_clock::now();
@@ -147,8 +149,8 @@ TEST_F(Webhook, HangingAndEndlessReceiversHoldUpNoOther) {
   post(live.port(), {{"url", endless.url()}});
   EXPECT_EQ(good.wait(1).size(), 1u);
   EXPECT_EQ(endless.wait(1).size(), 1u);
-  EXPECT_LT(std::chrono::steady_clock::now() - began, milliseconds(1'400))
-      << "two hang, two threads are left";
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(45))
+      << "two hang for a minute, two threads are left";
   EXPECT_TRUE(reaches(live, "webhook_tries_total{outcome=\"delivered\"} 2\n"))
       << "a status of 2xx will do, whatever comes after it";
 }

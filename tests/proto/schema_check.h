@@ -53,6 +53,8 @@ inline bool keyword_fits(const nlohmann::json& schema, const std::string& keywor
   if (keyword == "enum") return std::find(rule.begin(), rule.end(), v) != rule.end();
   if (keyword == "minimum") return !v.is_number() || v.get<double>() >= rule.get<double>();
   if (keyword == "maximum") return !v.is_number() || v.get<double>() <= rule.get<double>();
+  if (keyword == "maxLength")
+    return !v.is_string() || v.get_ref<const std::string&>().size() <= rule.get<std::size_t>();
   if (keyword == "minItems") return !v.is_array() || v.size() >= rule.get<std::size_t>();
   if (keyword == "maxItems") return !v.is_array() || v.size() <= rule.get<std::size_t>();
   if (keyword == "uniqueItems")
@@ -75,8 +77,8 @@ inline bool keyword_fits(const nlohmann::json& schema, const std::string& keywor
     return !v.is_object() || std::all_of(rule.begin(), rule.end(), [&](const nlohmann::json& key) {
       return v.contains(key.get<std::string>());
     });
-  static const std::set<std::string> notes{"default", "description", "title", "x-unit",
-                                           "$schema", "$id",         "format"};
+  static const std::set<std::string> notes{"default", "description", "title",  "x-unit",
+                                           "$schema", "$id",         "format", "contentMediaType"};
   if (notes.count(keyword) == 0) throw std::logic_error("unknown keyword " + keyword);
   return true;
 }

@@ -21,7 +21,9 @@ class Edit : public JobServiceTest {
     return std::distance(directory_iterator(process_->data.scenes()), directory_iterator());
   }
   void sweep(Retention retention) {
-    Janitor(process_->data, process_->store, process_->scenes, jobs(), retention, 1h).sweep();
+    UploadStore uploads(process_->data, 24h);
+    Janitor(process_->data, process_->store, process_->scenes, uploads, jobs(), retention, 1h)
+        .sweep();
   }
 };
 
@@ -57,7 +59,7 @@ TEST_F(Edit, ACancelThatDrainsKeepsTheLight) {
   reach(id, JobState::kRunning);
   EXPECT_EQ(jobs().cancel(id, CancelMode::kDrain)->state, JobState::kCanceling);
   EXPECT_EQ(wait(id).state, JobState::kCancelled);
-  EXPECT_EQ(jobs().results(id).size(), 2u);
+  EXPECT_EQ(jobs().results(id).size(), 3u);
   const std::string cut = submit();
   reach(cut, JobState::kRunning);
   jobs().cancel(cut);
@@ -100,7 +102,7 @@ TEST_F(Edit, LeftoversOfACrashAreCleared) {
   start(fake_.instant());
   EXPECT_FALSE(has_checkpoint(id));
   EXPECT_FALSE(std::filesystem::exists(process_->data.job(orphan)));
-  EXPECT_EQ(jobs().results(id).size(), 2u);
+  EXPECT_EQ(jobs().results(id).size(), 3u);
   EXPECT_TRUE(std::filesystem::exists(process_->data.results(id) / "page_00.exr"));
 }
 

@@ -14,8 +14,9 @@ TEST_F(JobServiceTest, RunsAJobToItsEnd) {
   EXPECT_DOUBLE_EQ(job.progress.fraction, 1);
   EXPECT_FALSE(job.finished_at.empty());
   const auto files = jobs().results(id);
-  ASSERT_EQ(files.size(), 2u);
-  EXPECT_EQ(files[1].name, "manifest.json");
+  ASSERT_EQ(files.size(), 3u);
+  EXPECT_EQ(files[1].name, "log.txt");
+  EXPECT_EQ(files[2].name, "manifest.json");
   const auto seen = events(id);
   expect_no_holes(seen);
   EXPECT_EQ(seen.front().type, "job.state");

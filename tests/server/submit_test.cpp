@@ -63,7 +63,7 @@ TEST_F(Submit, AnIdenticalBakeIsNotMadeAgain) {
   const auto seen = events(twin.id);
   expect_no_holes(seen);
   EXPECT_EQ(seen.back().type, "job.end");
-  EXPECT_EQ(jobs().results(twin.id).size(), 2u);
+  EXPECT_EQ(jobs().results(twin.id).size(), 3u);
   EXPECT_TRUE(jobs().remove(first, false));
   const auto page = process_->data.results(twin.id) / "page_00.exr";
   EXPECT_EQ(proto::digest_file(page)->sha256, jobs().results(twin.id).at(0).sha256)

@@ -1,0 +1,38 @@
+#include "server/jobs/cpu_meter.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <optional>
+
+namespace kiln::server {
+namespace {
+
+TEST(CpuMeter, SharesTheTimeAmongThoseWhoRun) {
+  double now = 100;
+  CpuMeter meter([&] { return now; });
+  now = 110;  // nobody ran
+  std::optional<CpuMeter::Run> a(meter), b;
+  now = 114;
+  EXPECT_DOUBLE_EQ(a->seconds(), 4);
+  b.emplace(meter);
+  now = 120;
+  EXPECT_DOUBLE_EQ(a->seconds(), 7);
+  EXPECT_DOUBLE_EQ(b->seconds(), 3);
+  a.reset();
+  now = 122;
+  EXPECT_DOUBLE_EQ(b->seconds(), 5);
+}
+
+TEST(CpuMeter, ReadsTheClockOfTheProcess) {
+  CpuMeter meter;
+  const CpuMeter::Run run(meter);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (run.seconds() < 0.05 && std::chrono::steady_clock::now() < end) {
+  }
+  EXPECT_GE(run.seconds(), 0.05);
+  EXPECT_LT(run.seconds(), 20);
+}
+
+}  // namespace
+}  // namespace kiln::server
