@@ -67,7 +67,7 @@ TEST(Client, SubmitSendsEveryPartAsItIs) {
   const auto job = client.submit({dir.write("room.gltf", bytes),
                                   {{"tex/wood.png", dir.write("w", "wood")}},
                                   R"({"solver":{"samples":4}})",
-                                  {7, {{"a", "b"}}, std::nullopt, false}});
+                                  {7, {{"a", "b"}}, std::nullopt, false, std::nullopt}});
   ASSERT_TRUE(job) << job.error().message;
   EXPECT_EQ(job->id, kId);
   ASSERT_EQ(parts.count("scene"), 1u);
