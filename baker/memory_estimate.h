@@ -14,6 +14,6 @@ std::uint64_t estimate_memory(const Scene&, const proto::BakeSettings&);
 
 /// Of that, what a process has before it bakes anything: to be left out for a second bake beside
 /// the first.
-inline constexpr std::uint64_t kProcessBytes = std::uint64_t(20) << 20;
+inline constexpr std::uint64_t kProcessBytes = std::uint64_t(28) << 20;
 
 }  // namespace kiln::baker

@@ -128,9 +128,14 @@ struct FakeUploads {
         const std::size_t fits = std::min(size, piece - taken);
         received.append(data, fits);
         taken += fits;
-        return fits == size;  // or the connection breaks
+        return fits == size;
       });
-      if (!whole || received.size() < length) return;
+      if (!whole) {  // the connection breaks in the answer
+        res.status = 200;
+        res.set_content_provider(1, "text/plain", [](auto, auto, auto&) { return false; });
+        return;
+      }
+      if (received.size() < length) return;
       res.status = 201;
       res.set_content(R"({"id":"sha256:whole"})", "application/json");
     });
