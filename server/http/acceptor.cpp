@@ -11,6 +11,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <system_error>
 
@@ -129,7 +130,10 @@ bool Acceptor::accept_one() {
   proto::Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
   if (fd.valid()) {
     set(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
-    take_(std::move(fd));
+    try {
+      take_(std::move(fd));
+    } catch (const std::bad_alloc&) {  // that connection is closed; the next may find memory
+    }
     return true;
   }
   const int error = errno;

@@ -252,8 +252,12 @@ void HttpServer::Impl::serve(std::unique_ptr<Connection> connection) {
     const std::lock_guard lock(mutex);
     active.insert(fd);
   }
-  bool handed_over = false;
-  const bool keep = exchange_once(*connection, handed_over);
+  bool handed_over = false, keep = false;
+  try {
+    keep = exchange_once(*connection, handed_over);
+  } catch (const std::bad_alloc&) {  // not even an answer could be made: the connection ends
+    t_exchange = nullptr;
+  }
   {
     const std::lock_guard lock(mutex);
     active.erase(fd);

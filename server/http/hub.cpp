@@ -9,6 +9,7 @@
 #include <array>
 #include <cerrno>
 #include <cstdio>
+#include <new>
 #include <system_error>
 
 namespace kiln::server {
@@ -104,10 +105,13 @@ void Hub::loop() {
       const auto& event = events[static_cast<std::size_t>(i)];
       on_socket(event.data.fd, event.events);
     }
-    take_requests();
-    if (Clock::now() < next_beat) continue;
-    beat();
-    next_beat = Clock::now() + heartbeat_;
+    const bool due = Clock::now() >= next_beat;
+    if (due) next_beat = Clock::now() + heartbeat_;
+    try {
+      take_requests();
+      if (due) beat();
+    } catch (const std::bad_alloc&) {  // some clients hear of this with the next event or beat
+    }
   }
   end_all();
 }
@@ -139,9 +143,14 @@ void Hub::beat() {
 
 // Feeds and flushes until the socket is full or nothing is left.
 void Hub::serve(int fd) {
-  for (;;) {
+  while (clients_.contains(fd)) {
     Client& client = clients_.at(fd);
-    if (!feed(client)) {
+    bool fed = false;
+    try {
+      fed = feed(client);
+    } catch (const std::bad_alloc&) {  // it may resume, by the id of its last event
+    }
+    if (!fed) {
       ++dropped_;
       return drop(fd);
     }

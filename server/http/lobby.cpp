@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <new>
 #include <system_error>
 
 namespace kiln::server {
@@ -73,6 +74,16 @@ void Lobby::enter(std::unique_ptr<Connection> connection, Mode mode) {
   wake();
 }
 
+template <class Step>
+bool Lobby::attempt(const Step& step) {
+  try {
+    step();
+    return true;
+  } catch (const std::bad_alloc&) {
+    return false;
+  }
+}
+
 void Lobby::loop() {
   std::array<epoll_event, 256> events{};
   auto next_tick = Clock::now();
@@ -81,15 +92,15 @@ void Lobby::loop() {
     for (int i = 0; i < n; ++i) {
       const int fd = events[static_cast<std::size_t>(i)].data.fd;
       if (fd != wake_.get()) {
-        look_at(fd);
+        if (!attempt([&] { look_at(fd); }) && guests_.contains(fd)) drop(fd);
         continue;
       }
       std::uint64_t count = 0;
       [[maybe_unused]] const ssize_t got = ::read(fd, &count, sizeof count);
     }
-    take_arrivals();
+    attempt([&] { take_arrivals(); });
     if (Clock::now() < next_tick) continue;
-    expire();
+    attempt([&] { expire(); });
     next_tick = Clock::now() + std::chrono::milliseconds(kTickMs);
   }
   guests_.clear();
@@ -103,15 +114,15 @@ void Lobby::take_arrivals() {
     const std::lock_guard lock(mutex_);
     arrivals.swap(arrivals_);
   }
-  for (auto& guest : arrivals) admit(std::move(guest));
+  for (auto& guest : arrivals) attempt([&] { admit(std::move(guest)); });
 }
 
 void Lobby::admit(Guest guest) {
   const int fd = guest.connection->fd();
   const bool leaving = guest.mode == Mode::kLinger;
   if (leaving && lingering_ >= kMaxLingering) return;  // closes it
-  if (leaving) ++lingering_;
   guests_[fd] = std::move(guest);
+  if (leaving) ++lingering_;
   watch(epoll_.get(), fd);
   look_at(fd);  // bytes of the next request may be in its buffer already
 }

@@ -38,6 +38,10 @@ class Lobby {
     Mode mode = Mode::kIdle;
   };
   void loop();
+  /// Runs one step. Where memory is short it costs the connection that needed it, not the service:
+  /// false then.
+  template <class Step>
+  static bool attempt(const Step&);
   void wake() const;
   void enter(std::unique_ptr<Connection>, Mode);
   void admit(Guest);

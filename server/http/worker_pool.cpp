@@ -1,5 +1,6 @@
 #include "server/http/worker_pool.h"
 
+#include <new>
 #include <system_error>
 
 namespace kiln::server {
@@ -60,7 +61,10 @@ void WorkerPool::loop() {
       task = std::move(tasks_.front());
       tasks_.pop_front();
     }
-    task();
+    try {
+      task();
+    } catch (const std::bad_alloc&) {  // the task is lost, and what it held is free
+    }
   }
 }
 

@@ -116,19 +116,22 @@ proto::Expected<proto::Job> JobService::patch(const std::string& id, const proto
 }
 
 proto::Expected<void> JobService::remove(const std::string& id, bool force) {
-  if (const LivePtr job = live(id)) {
-    const auto refuse = [&] {
-      return proto::fail("job_not_terminal",
-                         "Job " + id + " is not over; cancel it first, or use ?force=true.");
-    };
+  constexpr std::chrono::seconds kPatience{10};
+  const auto refuse = [&] {
+    return proto::fail("job_not_terminal",
+                       "Job " + id + " is not over; cancel it first, or use ?force=true.");
+  };
+  if (live(id)) {
     if (!force) return refuse();
     if (auto canceled = cancel(id); !canceled) return proto::Unexpected(canceled.error());
-    std::unique_lock lock(mutex_);
-    if (!changed_.wait_for(lock, std::chrono::seconds(10), [&] { return !live_.contains(id); }))
-      return refuse();
   }
-  if (!store_.find(id)) return no_such_job(id);
-  store_.remove(id);
+  {
+    // To the end under the lock: a retry in between would queue a job that is gone.
+    std::unique_lock lock(mutex_);
+    if (!changed_.wait_for(lock, kPatience, [&] { return !live_.contains(id); })) return refuse();
+    if (!store_.find(id)) return no_such_job(id);
+    store_.remove(id);
+  }
   data_.remove_job(id);
   log_line(LogLevel::kInfo, "job", {{"job", id}, {"state", "deleted"}});
   return {};

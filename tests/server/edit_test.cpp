@@ -93,6 +93,25 @@ TEST_F(Edit, ARetryIsTheNextAttemptOfTheSameJob) {
   EXPECT_EQ(jobs().retry("job_none", RetryFrom::kStart).error().code, "not_found");
 }
 
+// Found by a storm of requests: a retry could queue a job that was being deleted.
+TEST_F(Edit, RetryAndDeleteAtTheSameTimeAgree) {
+  start(FakeBake::throwing([] { throw std::bad_alloc(); }));
+  for (int round = 0; round < 30; ++round) {
+    const std::string id = submit();
+    ASSERT_EQ(wait(id).state, JobState::kFailed);
+    std::vector<std::jthread> threads;
+    for (int i = 0; i < 2; ++i) {
+      threads.emplace_back([&] { EXPECT_NO_THROW((void)jobs().retry(id, RetryFrom::kStart)); });
+      threads.emplace_back([&] { EXPECT_NO_THROW((void)jobs().remove(id, true)); });
+    }
+    threads.clear();  // joins
+    if (jobs().get(id)) {
+      EXPECT_EQ(wait(id).state, JobState::kFailed);
+      EXPECT_TRUE(jobs().remove(id, true));
+    }
+  }
+}
+
 TEST_F(Edit, LeftoversOfACrashAreCleared) {
   start(fake_.instant());
   const std::string id = submit(), orphan = "job_" + std::string(26, '0');
