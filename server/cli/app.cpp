@@ -34,7 +34,7 @@ int run_program(int argc, char** argv) {
   Run run;
   for (const auto add :
        {add_serve, add_bake, add_scene, add_compare, add_submit, add_status, add_watch, add_cancel,
-        add_retry, add_fetch, add_settings, add_token, add_version, add_import_stage})
+        add_retry, add_fetch, add_settings, add_token, add_doctor, add_version, add_import_stage})
     add(app, run);
   if (argc < 2) {
     std::fputs(app.help().c_str(), stderr);

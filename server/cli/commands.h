@@ -24,6 +24,7 @@ void add_compare(CLI::App&, Run&);
 void add_scene(CLI::App&, Run&);
 void add_settings(CLI::App&, Run&);
 void add_token(CLI::App&, Run&);
+void add_doctor(CLI::App&, Run&);
 void add_version(CLI::App&, Run&);
 void add_import_stage(CLI::App&, Run&);  ///< hidden: what the others start to read scenes
 

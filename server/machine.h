@@ -1,0 +1,13 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+namespace kiln::server {
+
+/// Memory that this process could take now: what the machine has free, caches included, or what is
+/// left below the limit of a control group around it (a container, a systemd unit). `root` is for
+/// tests: the folder that holds proc and sys. 0 when nothing tells.
+std::uint64_t free_memory_bytes(const std::filesystem::path& root = "/");
+
+}  // namespace kiln::server
