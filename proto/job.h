@@ -32,9 +32,8 @@ struct JobProgress {
   std::uint32_t max_passes = 0;  ///< upper limit: convergence may stop earlier
   std::uint32_t batches_done = 0, batches_total = 0;
   double residual = 1;
-  double fraction = 0;  ///< 0..1 over the whole job, never falls
-  std::optional<double> eta_seconds =
-      {};  ///< until its end, by what has been done; while it is baked
+  double fraction = 0;                ///< 0..1 over the whole job, never falls
+  std::optional<double> eta_seconds;  ///< until its end, by what has been done; while it is baked
 };
 
 struct Job {
@@ -53,6 +52,7 @@ struct Job {
   bool cached = false;            ///< answered by the results of an identical bake
   std::string created_at, started_at, finished_at;  ///< RFC 3339 UTC, "" when not yet
   std::string expires_at;                           ///< "" when not over or kept for ever
+  std::uint64_t memory_estimate_bytes = 0;          ///< of the bake at its peak; 0: not known yet
   JobProgress progress;
   std::optional<Error> error;  ///< of a failed job
 };

@@ -127,6 +127,8 @@ json to_json(const Job& job) {
           {"started_at", text_or_null(job.started_at)},
           {"finished_at", text_or_null(job.finished_at)},
           {"expires_at", text_or_null(job.expires_at)},
+          {"memory_estimate_bytes",
+           job.memory_estimate_bytes ? json(job.memory_estimate_bytes) : json(nullptr)},
           {"progress", to_json(job.progress)},
           {"error", job.error ? to_json(*job.error) : json(nullptr)},
           {"links", links(job.id)}};

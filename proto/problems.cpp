@@ -32,6 +32,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"job_failed", 500, "The job failed"},
       {"job_not_retryable", 409, "The job can't be run again"},
       {"job_not_terminal", 409, "The job has not ended yet"},
+      {"job_too_large", 422, "The job needs more memory than the service may use"},
       {"length_required", 411, "The request needs a Content-Length"},
       {"limit_exceeded", 422, "The scene is larger than the service allows"},
       {"method_not_allowed", 405, "The resource does not know this method"},

@@ -12,6 +12,7 @@
 #include "server/import/setup.h"
 #include "server/jobs/janitor.h"
 #include "server/log.h"
+#include "server/machine.h"
 #include "server/metrics/metrics.h"
 
 namespace kiln::server {
@@ -54,6 +55,7 @@ JobLimits job_limits(const ServerConfig& config) {
   limits.tenant_bytes = config.max_bytes_per_tenant;
   limits.tenant_texels = config.max_texels_per_tenant_per_day;
   limits.tenant_cpu_seconds = config.max_cpu_seconds_per_tenant_per_day;
+  limits.memory_bytes = config.memory_budget_bytes;
   return limits;
 }
 
@@ -136,8 +138,8 @@ struct Service::Impl {
   std::string metrics_text() {
     const JobService::Counts jobs_now = jobs.counts();
     return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
-                         hub.dropped(), data.bytes(), data.free_share(),
-                         api_server->connections()});
+                         hub.dropped(), data.bytes(), data.free_share(), api_server->connections(),
+                         config.memory_budget_bytes, jobs_now.reserved_bytes});
   }
 
   proto::Expected<void> listen() {
@@ -160,13 +162,15 @@ struct Service::Impl {
   }
 };
 
-proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& config,
+proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& given,
                                                          ServiceParts parts) {
+  ServerConfig config = given;
   if (auto networks = Networks::parse(config.webhook_networks); !networks)
     return proto::Unexpected(networks.error());
   if (!config.webhook_secrets.empty())
     if (auto secrets = WebhookSecrets::read(config.webhook_secrets); !secrets)
       return proto::Unexpected(secrets.error());
+  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = free_memory_bytes() / 5 * 4;
   auto data = DataFolder::open(config.data);
   if (!data) return proto::Unexpected(data.error());
   std::unique_ptr<Impl> impl;

@@ -174,6 +174,10 @@ const std::vector<ConfigRow>& config_rows() {
        parse_number<&C::import_seconds, 1, 86400>, show_number<&C::import_seconds>},
       {"max_running_jobs", true, "a number from 1 to 256", "Jobs that bake at the same time",
        parse_number<&C::max_running_jobs, 1, 256>, show_number<&C::max_running_jobs>},
+      {"memory_budget_bytes", false, "0 or a number of bytes, such as 24GiB",
+       "Memory that running bakes may take by their estimates; others wait;\n"
+       "0: four fifths of what the machine or container has free at the start",
+       parse_bytes<&C::memory_budget_bytes, 0>, show_number<&C::memory_budget_bytes>},
       {"max_queued_jobs", true, "a number from 1 to 1000000",
        "Jobs that may wait; one more is refused with queue_full",
        parse_number<&C::max_queued_jobs, 1, 1'000'000>, show_number<&C::max_queued_jobs>},

@@ -154,6 +154,7 @@ Response Api::get_capabilities(Request& request) {
                         {"token_requests_per_minute", config_.max_requests_per_minute_per_token},
                         {"upload_bytes", config_.max_upload_bytes},
                         {"request_json_bytes", config_.max_request_json_bytes},
+                        {"memory_bytes", config_.memory_budget_bytes},
                         {"queued_jobs", config_.max_queued_jobs},
                         {"running_jobs", config_.max_running_jobs},
                         {"scene_json_bytes", import.json_bytes},

@@ -175,6 +175,7 @@ json job() {
                  {"started_at", nullable(time("of the attempt"))},
                  {"finished_at", nullable(time("when it was over"))},
                  {"expires_at", nullable(time("when it will be deleted"))},
+                 {"memory_estimate_bytes", nullable(integer(1))},
                  {"progress", ref("Progress")},
                  {"error", or_null("Problem")},
                  {"links", links()}});

@@ -107,6 +107,26 @@ void restart_job(JobStore& store, LiveJob& job) {
       [&](const auto& events) { store.restart(job.stored, events); });
 }
 
+void defer_job(JobStore& store, LiveJob& job) {
+  const nlohmann::json news{
+      {"level", "info"},
+      {"code", "waits_for_memory"},
+      {"pointer", ""},
+      {"message", "Waits until running jobs have freed the " +
+                      std::to_string(job.stored.job.memory_estimate_bytes >> 20) +
+                      " MiB that it needs."}};
+  apply(
+      job,
+      [&](StoredJob& s, std::vector<proto::Event>& events) {
+        s.job.state = JobState::kQueued;
+        s.job.started_at.clear();
+        s.job.progress = {};
+        events.push_back(job.state_event());
+        events.push_back(job.event("log", news, 1));
+      },
+      [&](const auto& events) { store.save(job.stored, events, Durability::kProgress); });
+}
+
 void patch_job(JobStore& store, LiveJob& job, const proto::JobPatch& patch) {
   apply(
       job,

@@ -25,6 +25,8 @@ void finish_job(JobStore&, LiveJob&, proto::JobState, std::optional<proto::Error
 void requeue_job(JobStore&, LiveJob&);
 /// The same for a job that was over.
 void restart_job(JobStore&, LiveJob&);
+/// Back to the queue as the same attempt, since there is no room for its memory now.
+void defer_job(JobStore&, LiveJob&);
 /// When a job that is over expires; "" when it is kept for ever.
 std::string expiry(const proto::Job&);
 /// Priority, labels and time to live. No event: streams tell how a bake goes.

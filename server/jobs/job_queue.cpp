@@ -15,7 +15,7 @@ void JobQueue::less(Counts& counts, const std::string& tenant) {
 }
 
 void JobQueue::insert(const Entry& entry) {
-  if (!levels_[entry.priority][entry.tenant].insert(entry.sequence).second) return;
+  if (!levels_[entry.priority][entry.tenant].emplace(entry.sequence, entry.bytes).second) return;
   ++size_;
   ++waiting_[entry.tenant];
 }
@@ -39,23 +39,24 @@ bool JobQueue::erase(const Entry& entry) {
   return true;
 }
 
-std::optional<std::int64_t> JobQueue::take(std::size_t max_running) {
+std::optional<JobQueue::Entry> JobQueue::take(std::size_t max_running, std::uint64_t free_bytes) {
   std::optional<Entry> best;
   for (const auto& [priority, level] : levels_) {
     std::pair<std::size_t, std::int64_t> best_rank;
     for (const auto& [tenant, jobs] : level) {
-      const std::pair rank(count(running_, tenant), *jobs.begin());
+      const auto& [sequence, bytes] = *jobs.begin();
+      const std::pair rank(count(running_, tenant), sequence);
       if ((max_running > 0 && rank.first >= max_running) || (best && rank >= best_rank)) continue;
-      best = Entry{tenant, priority, rank.second};
+      best = Entry{tenant, priority, sequence, bytes};
       best_rank = rank;
     }
     if (best) break;
   }
-  if (!best) return std::nullopt;
+  if (!best || best->bytes > free_bytes) return std::nullopt;
   erase(*best);
   ++running_total_;
   ++running_[best->tenant];
-  return best->sequence;
+  return best;
 }
 
 void JobQueue::release(const std::string& tenant) {

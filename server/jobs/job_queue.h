@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <map>
 #include <optional>
-#include <set>
 #include <string>
 
 namespace kiln::server {
@@ -17,6 +16,7 @@ class JobQueue {
     std::string tenant;
     std::int64_t priority = 0;
     std::int64_t sequence = 0;  ///< unique
+    std::uint64_t bytes = 0;    ///< of memory that it needs; 0: not known yet
   };
 
   void insert(const Entry&);
@@ -24,8 +24,9 @@ class JobQueue {
   bool contains(const Entry&) const;
 
   /// Takes the next job out and counts it as running. Tenants with `max_running` running jobs wait;
-  /// 0: no limit.
-  std::optional<std::int64_t> take(std::size_t max_running);
+  /// 0: no limit. A job that needs more than `free_bytes` waits, and all behind it with it: would
+  /// smaller ones pass it, it could wait for ever.
+  std::optional<Entry> take(std::size_t max_running, std::uint64_t free_bytes = UINT64_MAX);
   void release(const std::string& tenant);  ///< a job that take() gave has stopped running
 
   std::size_t size() const { return size_; }
@@ -38,8 +39,9 @@ class JobQueue {
   static std::size_t count(const Counts&, const std::string&);
   static void less(Counts&, const std::string&);
 
-  using Level = std::map<std::string, std::set<std::int64_t>>;  ///< sequences by tenant
-  std::map<std::int64_t, Level, std::greater<>> levels_;        ///< by priority
+  using Jobs = std::map<std::int64_t, std::uint64_t>;     ///< bytes by sequence
+  using Level = std::map<std::string, Jobs>;              ///< by tenant
+  std::map<std::int64_t, Level, std::greater<>> levels_;  ///< by priority
   std::size_t size_ = 0, running_total_ = 0;
   Counts waiting_, running_;
 };

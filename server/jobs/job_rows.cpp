@@ -72,6 +72,7 @@ StoredJob read_job_row(const Statement& row) {
   job.cached = row.number(25) != 0;
   job.tenant = row.text(26);
   read_webhook_text(row.text(27), job);
+  job.memory_estimate_bytes = static_cast<std::uint64_t>(row.number(28));
   return stored;
 }
 

@@ -16,7 +16,8 @@ inline constexpr std::string_view kJobColumns =
     "SELECT sequence, id, state, priority, attempt, crashes, version, scene, scene_bytes, settings,"
     " created_at, started_at, finished_at, stage, pass, max_passes, batches_done, batches_total,"
     " residual, fraction, error, bake_key, labels, ttl_seconds, expires_at, cached, tenant,"
-    " webhook FROM job ";
+    " webhook, memory_estimate"
+    " FROM job ";
 inline constexpr std::string_view kIsOver = "state IN ('succeeded', 'failed', 'canceled') ";
 
 inline std::int64_t as_int(std::uint64_t value) {

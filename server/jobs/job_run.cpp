@@ -41,7 +41,7 @@ bool is_plain_name(const std::string& name) {
 
 }  // namespace
 
-void JobRun::run(std::stop_token service_stop) {
+JobRun::End JobRun::run(std::stop_token service_stop) {
   bool canceled_before_start = false;
   record([&] {
     canceled_before_start = job_.cancel_requested;
@@ -57,7 +57,9 @@ void JobRun::run(std::stop_token service_stop) {
   } else {
     outcome = bake();
   }
+  if (deferred_ && outcome.error) return End::kDeferred;
   conclude(std::move(outcome), std::move(service_stop));
+  return End::kConcluded;
 }
 
 JobRun::Outcome JobRun::bake() {
@@ -71,14 +73,16 @@ JobRun::Outcome JobRun::bake() {
     if (auto made = context_.data.make_job_folders(job.id); !made) return {made.error(), {}};
     log_.line("attempt " + std::to_string(job.attempt) + " of job " + job.id +
               ", scene sha256:" + job.scene_sha256 + ", lightkiln " LIGHTKILN_VERSION);
-    const baker::BakeInput input{scene->files,
-                                 job.settings,
-                                 context_.import_limits,
-                                 context_.data.results(job.id),
-                                 context_.data.checkpoints(job.id),
-                                 scene->main_sha256,
-                                 scene->key,
-                                 job_.enough.get_token()};
+    const baker::BakeInput input{
+        scene->files,
+        job.settings,
+        context_.import_limits,
+        context_.data.results(job.id),
+        context_.data.checkpoints(job.id),
+        scene->main_sha256,
+        scene->key,
+        job_.enough.get_token(),
+        [this](std::uint64_t bytes, const std::stop_token&) { return reserve(bytes); }};
     const Timer timer(context_.limits.run, [this] {
       timed_out_ = true;
       job_.stop.request_stop();
@@ -164,6 +168,8 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
       if (first) log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
       if (service_stop.stop_requested()) return;  // the next process runs the job again
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    } catch (const std::bad_alloc&) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));  // the bake's is free by now
     }
   }
   log_.line(std::string("state ") + proto::to_string(end) +
@@ -182,6 +188,8 @@ void JobRun::record(const std::function<void()>& change) {
     change();
   } catch (const DatabaseError& e) {
     log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
+  } catch (
+      const std::bad_alloc&) {  // what the event tells is lost; the bake may find what it needs
   }
   context_.notify();
 }
@@ -219,6 +227,24 @@ void JobRun::on_resume(std::uint32_t passes) {
       {"pointer", ""},
       {"message", "Goes on after " + std::to_string(passes) + " passes of an earlier attempt."}};
   record([&] { add_event(context_.store, job_, "log", data); });
+}
+
+// Does not wait: what has to is queued again, and leaves its runner to others.
+proto::Expected<void> JobRun::reserve(std::uint64_t peak_bytes) {
+  {
+    const std::lock_guard lock(job_.mutex);  // stored with the next change
+    job_.stored.job.memory_estimate_bytes = peak_bytes;
+    ++job_.stored.job.version;
+  }
+  const Admission admission = context_.admit(peak_bytes);
+  if (admission == Admission::kYes) return {};
+  deferred_ = admission == Admission::kLater;
+  if (deferred_) return proto::fail(proto::kCanceledCode, "Waits for memory.");
+  return proto::fail("job_too_large",
+                     "The bake takes about " + std::to_string(peak_bytes >> 20) +
+                         " MiB at its peak; all bakes of this service together may take " +
+                         std::to_string(context_.limits.memory_bytes >> 20) +
+                         ". Fewer texels or samples need less.");
 }
 
 // A pass that is done is progress: what ended the attempts before was not this job.

@@ -14,6 +14,13 @@
 
 namespace kiln::server {
 
+/// Whether a bake of so many bytes may go on.
+enum class Admission {
+  kYes,
+  kLater,  ///< beside those that run now there is no room for it
+  kNever,  ///< it is over the budget by itself
+};
+
 /// What a run needs of its service.
 struct RunContext {
   const DataFolder& data;
@@ -23,7 +30,8 @@ struct RunContext {
   const BakeFunction& bake;
   const baker::ImportLimits& import_limits;
   const JobLimits& limits;
-  Metrics* metrics;              ///< null: nobody counts
+  Metrics* metrics;  ///< null: nobody counts
+  std::function<Admission(std::uint64_t bytes)> admit;
   std::function<void()> notify;  ///< after each new event
 };
 
@@ -34,8 +42,11 @@ class JobRun final : public baker::BakeObserver {
   JobRun(const RunContext& context, LiveJob& job)
       : context_(context), job_(job), log_(JobLog::path(context.data, job.id)) {}
 
-  /// Returns when the job is over, or back in the queue because `service_stop` was requested.
-  void run(std::stop_token service_stop);
+  enum class End {
+    kConcluded,  ///< the job is over, or queued because `service_stop` was requested
+    kDeferred,   ///< it has to wait for memory: the caller queues it
+  };
+  End run(std::stop_token service_stop);
   std::uint64_t texels() const { return texels_; }  ///< whose light was computed
 
   void on_stage(const std::string& name) override;
@@ -51,6 +62,7 @@ class JobRun final : public baker::BakeObserver {
     std::vector<proto::ResultFile> files;
   };
   Outcome bake();
+  proto::Expected<void> reserve(std::uint64_t bytes);
   proto::Expected<std::vector<proto::ResultFile>> collect(const proto::Manifest&) const;
   proto::Expected<void> copy_log(const std::filesystem::path& to) const;
   void conclude(Outcome, std::stop_token service_stop);
@@ -62,6 +74,7 @@ class JobRun final : public baker::BakeObserver {
   const JobLog log_;
   std::atomic<bool> timed_out_{false};
   std::atomic<std::uint64_t> texels_{0};
+  bool deferred_ = false;
   std::chrono::steady_clock::time_point last_progress_{};  ///< guarded by job_.mutex
 };
 

@@ -1,6 +1,7 @@
 #include "server/jobs/job_service.h"
 
 #include <algorithm>
+#include <new>
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
@@ -227,12 +228,17 @@ void JobService::notify(const LiveJob& job) {
     hook = event_hook_;
   }
   changed_.notify_all();  // wait() with a version
-  if (hook) hook(job.ring.get());
+  try {
+    if (hook) hook(job.ring.get());
+  } catch (const std::bad_alloc&) {  // streams learn of it with the next event
+  }
 }
 
 JobService::Counts JobService::counts() const {
   const std::lock_guard lock(mutex_);
-  return {queue_.size(), queue_.running()};
+  std::uint64_t reserved = 0;
+  for (const auto& [id, bytes] : reserved_) reserved += bytes;
+  return {queue_.size(), queue_.running(), reserved};
 }
 
 void JobService::retire(const LivePtr& job) {
@@ -277,38 +283,99 @@ void JobService::stop() {
 
 JobService::LivePtr JobService::next_job(std::stop_token stop) {
   std::unique_lock lock(mutex_);
-  std::optional<std::int64_t> sequence;
+  std::optional<JobQueue::Entry> next;
   changed_.wait(lock, stop, [&] {
-    if (!draining_ && !stop.stop_requested()) sequence = queue_.take(limits_.tenant_running);
-    return sequence.has_value();
+    if (!draining_ && !stop.stop_requested())
+      next = queue_.take(limits_.tenant_running, free_bytes());
+    return next.has_value();
   });
-  return sequence ? by_sequence_.at(*sequence) : nullptr;
+  if (!next) return nullptr;
+  const LivePtr& job = by_sequence_.at(next->sequence);
+  if (next->bytes > 0) reserved_[job->id] = next->bytes;
+  return job;
+}
+
+// One job may always run: whether it is too large by itself, it learns from admit().
+std::uint64_t JobService::free_bytes() const {
+  if (limits_.memory_bytes == 0 || queue_.running() == 0) return UINT64_MAX;
+  std::uint64_t free = limits_.memory_bytes;
+  for (const auto& [id, bytes] : reserved_) free -= std::min(free, bytes);
+  return free;
+}
+
+Admission JobService::admit(const LiveJob& job, std::uint64_t bytes) {
+  if (limits_.memory_bytes == 0) return Admission::kYes;
+  if (bytes > limits_.memory_bytes) return Admission::kNever;
+  const std::lock_guard lock(mutex_);
+  std::uint64_t free = limits_.memory_bytes;
+  for (const auto& [id, taken] : reserved_)
+    if (id != job.id) free -= std::min(free, taken);
+  if (bytes > free) return Admission::kLater;
+  reserved_[job.id] = bytes;
+  return Admission::kYes;
+}
+
+// Into the queue again, now that its size is known. A cancel that came meanwhile ends it.
+void JobService::put_back(const LivePtr& job, const std::stop_token& stop) {
+  const auto attempt = [&] {
+    const std::scoped_lock locks(mutex_, job->mutex);
+    if (job->cancel_requested) {
+      finish_job(store_, *job, JobState::kCancelled, std::nullopt, {});
+    } else {
+      defer_job(store_, *job);
+      queue_.insert(queue_entry(job->stored));
+    }
+  };
+  for (;;) {
+    try {
+      attempt();
+      break;
+    } catch (const DatabaseError& e) {
+      log_line(LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
+      if (stop.stop_requested()) return;  // the next process runs the job again
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    } catch (const std::bad_alloc&) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+  }
+  notify(*job);
 }
 
 void JobService::runner_loop(std::stop_token stop) {
   while (const LivePtr job = next_job(stop)) {
-    run_job(job, stop);
+    const bool deferred = run_job(job, stop);
     {
       const std::lock_guard lock(mutex_);
       queue_.release(job->stored.job.tenant);
+      reserved_.erase(job->id);
     }
+    if (deferred) put_back(job, stop);
     settle(job);
   }
 }
 
-void JobService::run_job(const LivePtr& job, std::stop_token stop) {
-  const RunContext context{data_,   store_,   scenes_,
-                           pool_,   bake_,    import_limits_,
-                           limits_, metrics_, [&] { notify(*job); }};
+// Whether the job has to be queued again, for memory.
+bool JobService::run_job(const LivePtr& job, std::stop_token stop) {
+  const RunContext context{data_,
+                           store_,
+                           scenes_,
+                           pool_,
+                           bake_,
+                           import_limits_,
+                           limits_,
+                           metrics_,
+                           [&](std::uint64_t bytes) { return admit(*job, bytes); },
+                           [&] { notify(*job); }};
   const CpuMeter::Run cpu(cpu_meter_);
   JobRun run(context, *job);
-  run.run(std::move(stop));
+  const auto end = run.run(std::move(stop));
   try {
     store_.add_usage(job->stored.job.tenant, now_rfc3339().substr(0, 10),
                      {run.texels(), cpu.seconds()});
   } catch (const DatabaseError& e) {
     log_line(LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
   }
+  return end == JobRun::End::kDeferred;
 }
 
 // After a run: the job is over, or waits for the next process.

@@ -28,6 +28,7 @@
 namespace kiln::server {
 
 struct LiveJob;
+enum class Admission;
 class Metrics;
 
 /// baker::bake, or a test's stand-in.
@@ -47,6 +48,7 @@ struct JobLimits {
   std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
   /// Of one tenant in a day of UTC; 0: no limit.
   std::uint64_t tenant_texels = 0, tenant_cpu_seconds = 0;
+  std::uint64_t memory_bytes = 0;  ///< of running bakes, by their estimates; 0: no limit
 };
 
 /// What submit() takes.
@@ -137,6 +139,7 @@ class JobService {
 
   struct Counts {
     std::size_t queued = 0, running = 0;
+    std::uint64_t reserved_bytes = 0;  ///< of memory, for those that run
   };
   Counts counts() const;
 
@@ -171,8 +174,11 @@ class JobService {
   bool has_moved(const std::string& id, std::optional<std::uint64_t> since) const;
   LivePtr next_job(std::stop_token);
   void runner_loop(std::stop_token);
-  void run_job(const LivePtr&, std::stop_token);
+  bool run_job(const LivePtr&, std::stop_token);
   void settle(const LivePtr&);
+  std::uint64_t free_bytes() const;  ///< of memory, for one more job; needs mutex_
+  Admission admit(const LiveJob&, std::uint64_t bytes);
+  void put_back(const LivePtr&, const std::stop_token&);
   void notify(const LiveJob&);
   void retire(const LivePtr&);
 
@@ -199,7 +205,8 @@ class JobService {
   std::map<std::string, LivePtr> live_;  ///< jobs that are not over
   JobQueue queue_;
   std::map<std::int64_t, LivePtr> by_sequence_;
-  std::set<std::string> keys_in_use_;  ///< idempotency keys of requests being answered
+  std::map<std::string, std::uint64_t> reserved_;  ///< memory by running job
+  std::set<std::string> keys_in_use_;              ///< idempotency keys of requests being answered
   std::size_t submitting_ = 0;
   bool draining_ = false;
   bool waiters_released_ = false;

@@ -80,7 +80,7 @@ void JobStore::update(const StoredJob& stored) {
   auto update = writer_.prepare(
       "UPDATE job SET state=?, priority=?, attempt=?, crashes=?, version=?, started_at=?,"
       " finished_at=?, stage=?, pass=?, max_passes=?, batches_done=?, batches_total=?, residual=?,"
-      " fraction=?, error=?, labels=?, ttl_seconds=?, expires_at=? WHERE id=?");
+      " fraction=?, error=?, labels=?, ttl_seconds=?, expires_at=?, memory_estimate=? WHERE id=?");
   update.bind(1, proto::to_string(job.state)).bind(2, std::int64_t{job.priority});
   update.bind(3, as_int(job.attempt)).bind(4, as_int(stored.crashes));
   update.bind(5, as_int(job.version)).bind(6, job.started_at).bind(7, job.finished_at);
@@ -90,7 +90,8 @@ void JobStore::update(const StoredJob& stored) {
   update.bind(14, job.progress.fraction);
   update.bind(15, job.error ? proto::to_json(*job.error).dump() : std::string());
   update.bind(16, proto::to_text(job.labels)).bind(17, as_int(job.ttl_seconds));
-  update.bind(18, job.expires_at).bind(19, job.id).step();
+  update.bind(18, job.expires_at).bind(19, as_int(job.memory_estimate_bytes));
+  update.bind(20, job.id).step();
 }
 
 void JobStore::save(const StoredJob& stored, const std::vector<proto::Event>& events,

@@ -113,6 +113,9 @@ CREATE TABLE usage (
   cpu_seconds REAL NOT NULL,
   PRIMARY KEY (tenant, day)
 ) STRICT, WITHOUT ROWID;
+)sql",
+    R"sql(
+ALTER TABLE job ADD COLUMN memory_estimate INTEGER NOT NULL DEFAULT 0;
 )sql"};
 static_assert(std::size(kJobMigrations) == kJobSchemaVersion);
 

@@ -4,7 +4,7 @@
 
 namespace kiln::server {
 
-inline constexpr int kJobSchemaVersion = 6;
+inline constexpr int kJobSchemaVersion = 7;
 
 /// Brings the job store's tables to kJobSchemaVersion, one transaction per version. Throws
 /// DatabaseError, also when a later version of the program wrote them.

@@ -7,7 +7,7 @@
 namespace kiln::server {
 
 JobQueue::Entry queue_entry(const StoredJob& s) {
-  return {s.job.tenant, s.job.priority, s.sequence};
+  return {s.job.tenant, s.job.priority, s.sequence, s.job.memory_estimate_bytes};
 }
 
 LiveJob::LiveJob(StoredJob from, std::vector<proto::Event> kept)

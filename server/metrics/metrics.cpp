@@ -76,6 +76,9 @@ struct Metrics::Impl {
   Gauge& disk_bytes = gauge(registry, "data_bytes", "Scenes and jobs on the disk").Add({});
   Gauge& disk_free =
       gauge(registry, "disk_free_share", "Of the data folder's disk, 0 to 1").Add({});
+  Gauge& budget = gauge(registry, "memory_budget_bytes", "That running bakes may take").Add({});
+  Gauge& reserved =
+      gauge(registry, "memory_reserved_bytes", "That running bakes were let in for").Add({});
   Gauge& connections =
       gauge(registry, "http_connections", "Open connections to the API, streams too").Add({});
   Gauge& descriptors = gauge(registry, "process_open_fds", "Open descriptors").Add({});
@@ -127,6 +130,8 @@ std::string Metrics::text(const Now& now) {
   impl_->webhooks_pending.Set(double(now.webhooks));
   impl_->disk_bytes.Set(double(now.disk_bytes));
   impl_->disk_free.Set(now.disk_free_share);
+  impl_->budget.Set(double(now.memory_budget));
+  impl_->reserved.Set(double(now.memory_reserved));
   impl_->connections.Set(double(now.connections));
   impl_->descriptors.Set(open_descriptors());
   impl_->memory.Set(resident_bytes());

@@ -34,6 +34,7 @@ class Metrics {
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
     std::size_t connections = 0;
+    std::uint64_t memory_budget = 0, memory_reserved = 0;
   };
   std::string text(const Now&);
 

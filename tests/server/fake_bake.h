@@ -14,6 +14,7 @@ namespace kiln::server {
 class FakeBake {
  public:
   std::atomic<int> started{0};
+  std::atomic<int> imported{0};
   std::atomic<bool> go{false};  ///< lets bakes that hold end well
 
   /// Writes page_00.exr (which is none) and manifest.json after `passes` passes.
@@ -39,6 +40,17 @@ class FakeBake {
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
       }
       return finish(input, observer, 1);
+    };
+  }
+  /// As holding(), for a bake that says it needs as many bytes as its seed.
+  BakeFunction sized() {
+    return [this, hold = holding()](
+               const baker::BakeInput& input, baker::ThreadPool& pool, std::stop_token stop,
+               baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
+      ++imported;
+      if (auto ok = input.reserve_memory(input.settings.solver.seed, stop); !ok)
+        return proto::Unexpected(ok.error());
+      return hold(input, pool, stop, observer);
     };
   }
   static BakeFunction throwing(const std::function<void()>& raise) {

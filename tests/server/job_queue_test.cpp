@@ -9,7 +9,7 @@ namespace {
 
 std::vector<std::int64_t> take_all(JobQueue& queue, std::size_t max_running = 0) {
   std::vector<std::int64_t> order;
-  while (const auto next = queue.take(max_running)) order.push_back(*next);
+  while (const auto next = queue.take(max_running)) order.push_back(next->sequence);
   return order;
 }
 
@@ -34,7 +34,7 @@ TEST(JobQueue, ATenantWithManyJobsDoesNotKeepOthersWaiting) {
   queue.insert({"many", 0, 8});
   queue.insert({"few", 0, 9});
   for (int i = 0; i < 5; ++i) queue.release("many");
-  EXPECT_EQ(queue.take(0), 8) << "two of the other still run";
+  EXPECT_EQ(queue.take(0)->sequence, 8) << "two of the other still run";
 }
 
 TEST(JobQueue, HoldsATenantAtItsLimit) {
@@ -44,7 +44,20 @@ TEST(JobQueue, HoldsATenantAtItsLimit) {
   EXPECT_EQ(take_all(queue, 2), (std::vector<std::int64_t>{1, 2, 4}));
   EXPECT_EQ(queue.waiting("a"), 1u);
   queue.release("a");
-  EXPECT_EQ(queue.take(2), 3);
+  EXPECT_EQ(queue.take(2)->sequence, 3);
+}
+
+TEST(JobQueue, WhatFindsNoMemoryIsNotPassed) {
+  JobQueue queue;
+  queue.insert({"a", 0, 1, 100});
+  queue.insert({"a", 0, 2, 10});
+  queue.insert({"b", 0, 3});
+  EXPECT_FALSE(queue.take(0, 99)) << "not the small ones either: the large one would wait for ever";
+  EXPECT_EQ(queue.size(), 3u);
+  EXPECT_EQ(queue.take(0, 100)->sequence, 1);
+  EXPECT_EQ(queue.take(0, 0)->sequence, 3) << "how much it needs is not known yet";
+  EXPECT_FALSE(queue.take(0, 9));
+  EXPECT_EQ(queue.take(0, 10)->bytes, 10u);
 }
 
 TEST(JobQueue, ForgetsWhatIsErased) {

@@ -1,0 +1,115 @@
+#include <algorithm>
+#include <fstream>
+
+#include "job_service_fixture.h"
+#include "server/machine.h"
+
+/// Admission by estimate: what runs together fits the machine.
+namespace kiln::server {
+namespace {
+
+class Memory : public JobServiceTest {
+ protected:
+  static JobLimits limits(std::uint64_t bytes, std::uint32_t running = 3) {
+    JobLimits limits;
+    limits.running = running;
+    limits.memory_bytes = bytes;
+    return limits;
+  }
+  std::string submit_sized(std::uint32_t bytes) {
+    Submission s = submission();
+    s.settings.solver.seed = bytes;
+    return jobs().submit(s).value().job.id;
+  }
+  std::size_t count(const std::string& id, const std::string& code) {
+    const auto all = events(id);
+    return static_cast<std::size_t>(std::count_if(all.begin(), all.end(), [&](const auto& e) {
+      return e.data.find("\"" + code + "\"") != std::string::npos;
+    }));
+  }
+};
+
+TEST_F(Memory, AJobOverTheBudgetFails) {
+  start(fake_.sized(), limits(100));
+  const proto::Job job = wait(submit_sized(101));
+  EXPECT_EQ(job.state, JobState::kFailed);
+  EXPECT_EQ(job.error->code, "job_too_large");
+  EXPECT_EQ(job.memory_estimate_bytes, 101u);
+  const std::string fits = submit_sized(100);
+  reach(fits, JobState::kRunning);
+  fake_.go = true;
+  EXPECT_EQ(wait(fits).state, JobState::kSucceeded);
+  EXPECT_EQ(jobs().counts().reserved_bytes, 0u);
+}
+
+TEST_F(Memory, WhatDoesNotFitWaitsInTheQueue) {
+  start(fake_.sized(), limits(100));
+  const std::string first = submit_sized(60);
+  reach(first, JobState::kRunning);
+  const std::string large = submit_sized(70);
+  for (int i = 0; i < 2000 && count(large, "waits_for_memory") == 0; ++i)
+    std::this_thread::sleep_for(5ms);
+  EXPECT_EQ(jobs().get(large)->state, JobState::kQueued);
+  EXPECT_EQ(jobs().get(large)->attempt, 1u);
+  EXPECT_EQ(jobs().get(large)->memory_estimate_bytes, 70u);
+  const std::string small = submit_sized(10);
+  std::this_thread::sleep_for(100ms);
+  EXPECT_EQ(jobs().get(small)->state, JobState::kQueued) << "behind the one that waits";
+  EXPECT_EQ(fake_.imported, 2) << "what waits is not imported again and again";
+  EXPECT_EQ(jobs().counts().reserved_bytes, 60u);
+  EXPECT_TRUE(jobs().cancel(first));
+  reach(large, JobState::kRunning);
+  reach(small, JobState::kRunning);
+  EXPECT_EQ(jobs().counts().reserved_bytes, 80u);
+  fake_.go = true;
+  EXPECT_EQ(wait(large).state, JobState::kSucceeded);
+  EXPECT_EQ(wait(small).state, JobState::kSucceeded);
+  EXPECT_EQ(count(large, "waits_for_memory"), 1u);
+  expect_no_holes(events(large));
+}
+
+TEST_F(Memory, WhatWaitsCanBeCanceledAndSurvivesTheProcess) {
+  start(fake_.sized(), limits(100));
+  const std::string running = submit_sized(90);
+  reach(running, JobState::kRunning);
+  const std::string canceled = submit_sized(20), kept = submit_sized(30);
+  for (int i = 0; i < 2000 && count(canceled, "waits_for_memory") == 0; ++i)
+    std::this_thread::sleep_for(5ms);
+  EXPECT_EQ(jobs().cancel(canceled)->state, JobState::kCancelled);
+  for (int i = 0; i < 2000 && count(kept, "waits_for_memory") == 0; ++i)
+    std::this_thread::sleep_for(5ms);
+  EXPECT_EQ(jobs().get(kept)->state, JobState::kQueued);
+  jobs().stop();
+  fake_.go = true;
+  // The budget of the next process is smaller: what was let in once is looked at again.
+  start(fake_.sized(), limits(25));
+  EXPECT_EQ(wait(kept).error->code, "job_too_large");
+  EXPECT_EQ(wait(running).error->code, "job_too_large");
+}
+
+TEST(Machine, FreeMemoryIsWhatTheNarrowestLimitLeaves) {
+  const test::TempFolder folder;
+  const auto root = folder.path();
+  const auto write = [&](const std::string& name, const std::string& text) {
+    std::filesystem::create_directories((root / name).parent_path());
+    std::ofstream(root / name) << text;
+  };
+  EXPECT_EQ(free_memory_bytes(root), 0u);
+  write("proc/meminfo", "MemTotal: 9000 kB\nMemAvailable:    1000 kB\n");
+  EXPECT_EQ(free_memory_bytes(root), 1'024'000u);
+  write("proc/self/cgroup", "0::/a/b\n");
+  write("sys/fs/cgroup/a/b/memory.max", "max\n");
+  EXPECT_EQ(free_memory_bytes(root), 1'024'000u);
+  write("sys/fs/cgroup/a/memory.max", "500000\n");
+  write("sys/fs/cgroup/a/memory.current", "100000\n");
+  EXPECT_EQ(free_memory_bytes(root), 400'000u);
+  write("sys/fs/cgroup/memory.max", "300000\n");
+  EXPECT_EQ(free_memory_bytes(root), 300'000u);
+  write("sys/fs/cgroup/a/b/memory.max", "7\n");
+  write("sys/fs/cgroup/a/b/memory.current", "9\n");
+  EXPECT_EQ(free_memory_bytes(root), 0u);
+  EXPECT_GT(free_memory_bytes(), 1u << 20);
+}
+
+}  // namespace
+}  // namespace kiln::server
