@@ -32,8 +32,9 @@ struct JobProgress {
   std::uint32_t max_passes = 0;  ///< upper limit: convergence may stop earlier
   std::uint32_t batches_done = 0, batches_total = 0;
   double residual = 1;
-  double fraction = 0;                ///< 0..1 over the whole job, never falls
-  std::optional<double> eta_seconds;  ///< until its end, by what has been done; while it is baked
+  double fraction = 0;  ///< 0..1 over the whole job, never falls
+  std::optional<double> eta_seconds =
+      {};  ///< until its end, by what has been done; while it is baked
 };
 
 struct Job {
