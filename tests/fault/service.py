@@ -1,6 +1,7 @@
 """A `lightkiln serve` of its own for the campaigns of this folder, and HTTP for people who misbehave.
 Python's standard library only."""
 
+import atexit
 import http.client
 import json
 import os
@@ -48,7 +49,9 @@ class Service:
     def start(self):
         command = self.wrapper + [self.binary, "serve", "--port", "0", "--admin-port", "0", "--data",
                                   self.data, "--log-format", "json"] + self.flags
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL)
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL,
+                                        stdout=subprocess.DEVNULL)
+        atexit.register(self.process.kill)  # whatever becomes of the campaign
         self.ready = threading.Event()
         self.port = self.admin_port = None
         threading.Thread(target=self._read_log, args=(self.process.stderr,), daemon=True).start()
