@@ -4,6 +4,7 @@
 #include "baker/solver/gather.h"
 #include "baker/solver/solve.h"
 #include "tests/support/ready_scene.h"
+#include "tests/support/sanitizer.h"
 
 namespace kiln::baker::test {
 namespace {
@@ -55,13 +56,13 @@ TEST_P(Scenes, GatherMeetsPath) {
   const kiln::test::ReadyScene ready(c.scene, 24, 64, settings);
   proto::SolverSettings path;
   path.method = proto::Method::kPath;
-  path.samples = 256;
+  path.samples = 256 / kiln::test::kSlowdown;
   path.bounces = 6;
   const auto r1 = bake(ready, path).light;
   path.seed = 2;
   const auto r2 = bake(ready, path).light;
   proto::SolverSettings gather;
-  gather.samples = gather.direct_samples = 512;
+  gather.samples = gather.direct_samples = 512 / kiln::test::kSlowdown;
   gather.bounces = path.bounces;
   gather.coarse_indirect = false;
   const Baked baked = bake(ready, gather);
@@ -79,7 +80,8 @@ TEST_P(Scenes, GatherMeetsPath) {
   ASSERT_GT(mean, 0);
   const double relative_bias = bias / mean, uncertain = std::sqrt(noise) / mean;
   RecordProperty("bias_percent", std::to_string(100 * relative_bias));
-  EXPECT_LT(uncertain, 0.0015) << "the references must be better than what they judge";
+  EXPECT_LT(uncertain, 0.0015 * std::sqrt(kiln::test::kSlowdown))
+      << "the references must be better than what they judge";
   EXPECT_LE(std::abs(relative_bias), 0.005 + 3 * uncertain);
   const double nrmse = std::sqrt(std::max(0.0, square)) / plain_mean;
   RecordProperty("nrmse_percent", std::to_string(100 * nrmse));
