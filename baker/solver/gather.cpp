@@ -2,15 +2,13 @@
 
 #include <array>
 #include <bit>
-#include <cstdlib>
 #include <map>
-#include <memory>
-#include <new>
 
 #include "baker/solver/coarse_sites.h"
 #include "baker/solver/direct.h"
 #include "baker/solver/feedback.h"
 #include "baker/solver/hemisphere.h"
+#include "baker/solver/hit_memory.h"
 #include "baker/solver/sample_rounds.h"
 #include "baker/solver/work.h"
 
@@ -21,26 +19,6 @@ namespace {
 constexpr std::uint32_t kMinFeedbackSamples = 16;
 /// Bounces after which most scenes have converged; for the estimate of progress only.
 constexpr double kTypicalBounces = 10;
-
-/// Zeroed words whose pages the system gives when they are first written, which is in the batches,
-/// where a cancel is seen: clearing a gigabyte at once takes a second.
-class LazyWords {
- public:
-  LazyWords() = default;
-  explicit LazyWords(std::size_t count)
-      : words_(static_cast<std::uint32_t*>(std::calloc(count, sizeof(std::uint32_t)))),
-        count_(count) {
-    if (count > 0 && !words_) throw std::bad_alloc();
-  }
-  std::span<std::uint32_t> all() { return {words_.get(), count_}; }
-
- private:
-  struct Free {
-    void operator()(std::uint32_t* p) const { std::free(p); }
-  };
-  std::unique_ptr<std::uint32_t, Free> words_;
-  std::size_t count_ = 0;
-};
 
 class GatherSolver final : public Solver {
  public:
@@ -55,7 +33,7 @@ class GatherSolver final : public Solver {
         set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
         rounds_(in_, set_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
-    if (needs_rays_) hits_ = LazyWords(std::size_t(in.texels.size()) * set_.size());
+    if (needs_rays_) hits_ = HitMemory(in.texels.size(), set_.size());
   }
 
   std::uint32_t max_passes() const override {
@@ -77,7 +55,7 @@ class GatherSolver final : public Solver {
   bool finish(const Pass& pass, Lightmap& after, const Workers& workers,
               proto::PassReport& report) override;
 
-  std::span<std::byte> state() override { return std::as_writable_bytes(hits_.all()); }
+  std::span<std::byte> state() override { return hits_.bytes(); }
 
   std::optional<FilteredLight> filtered(const Lightmap& light, const Workers& workers) override {
     return rounds_.filtered(light, workers);
@@ -126,23 +104,13 @@ class GatherSolver final : public Solver {
     return set.estimate(in_.scene.sky * open[0], in_.scene.sky * open[1]);
   }
 
-  std::span<std::uint32_t> hits_of(std::uint32_t texel) {
-    const std::size_t n = set_.size();
-    return hits_.all().subspan(texel * n, n);
-  }
-  /// Whether the texel has hits of its own; otherwise it is interpolated.
-  bool gathers(std::uint32_t texel) {
-    return gathers_.empty() ? hits_of(texel).front() != kHitNone : gathers_[texel];
-  }
-
   void look_up_texel(std::uint32_t t, Lightmap& after) {
-    put(feedback_.look_up(set_, hits_of(t)), after.indirect[t], after.indirect_spread[t]);
+    put(feedback_.look_up(set_, hits_.of(t)), after.indirect[t], after.indirect_spread[t]);
   }
   static void put(const Estimate& e, Rgb& mean, float& spread) { mean = e.mean, spread = e.spread; }
   void own_planes(const Pass& pass, Lightmap& after) const;
 
   bool begin_round(const Lightmap& before, const Workers&);
-  void forget_hits();
 
   /// Sums what `use` gives for the tiles of a range.
   template <class Use>
@@ -173,8 +141,7 @@ class GatherSolver final : public Solver {
   SampleRounds rounds_;
   std::map<std::uint32_t, DirectionSet> more_;  ///< those of a round, by the samples before them
   bool needs_rays_;
-  LazyWords hits_;             ///< set_.size() per texel; kHitNone: interpolated
-  std::vector<bool> gathers_;  ///< what is left of the hits once the bounces are done
+  HitMemory hits_;
 };
 
 std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) const {
@@ -259,7 +226,7 @@ bool GatherSolver::begin(const Pass& pass, const Lightmap& before, Lightmap& aft
 }
 
 bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
-  forget_hits();
+  hits_.forget();
   feedback_.restore(before.radiosity);
   if (!rounds_.begin(before, workers)) return false;
   more_.clear();
@@ -267,15 +234,6 @@ bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
     more_.emplace(first,
                   DirectionSet(first, rounds_.more_directions(first), packets_.sorts_directions()));
   return true;
-}
-
-/// Rounds trace their own rays.
-void GatherSolver::forget_hits() {
-  if (!gathers_.empty() || !needs_rays_) return;
-  std::vector<bool> gathered(in_.texels.size());
-  for (std::uint32_t t = 0; t < in_.texels.size(); ++t) gathered[t] = gathers(t);
-  gathers_ = std::move(gathered);
-  hits_ = {};
 }
 
 std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelRange range,
@@ -306,7 +264,7 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
     return false;
   if (!pass.completes) return true;
   // The memory of what later passes make anew is free for the filter.
-  if (!pass.fills_state) forget_hits();
+  if (!pass.fills_state) hits_.forget();
   feedback_.forget();
   return rounds_.judge(after, workers, report);
 }
@@ -315,13 +273,13 @@ std::uint64_t GatherSolver::trace(TexelRange range, Lightmap& after) {
   return for_tiles(range, [&](TexelRange tile) {
     const std::uint64_t rays = trace_some(tile, after, [&](std::uint32_t t) {
       const bool traced = !plan_.coarse || sites_.around(t).count == 0;
-      if (!traced) hits_of(t).front() = kHitNone;
+      if (!traced) hits_.leave_out(t);
       return traced;
     });
     // The first bounce of direct light, for refine() to compare the sites by.
     if (plan_.coarse && in_.settings.bounces > 0)
       for (std::uint32_t t = tile.begin; t < tile.end; ++t)
-        if (gathers(t)) look_up_texel(t, after);
+        if (hits_.gathers(t)) look_up_texel(t, after);
     return rays;
   });
 }
@@ -332,7 +290,7 @@ std::uint64_t GatherSolver::trace_some(TexelRange tile, Lightmap& after, const W
   std::array<Hemisphere::Gathering, Hemisphere::kTileTexels> all;
   std::uint32_t count = 0;
   for (std::uint32_t t = tile.begin; t < tile.end; ++t)
-    if (wanted(t)) all[count++] = {t, hits_of(t)};
+    if (wanted(t)) all[count++] = {t, hits_.of(t)};
   const std::span texels(all.data(), count);
   hemisphere_.follow_and_probe(texels, set_);
   for (const Hemisphere::Gathering& g : texels) {
@@ -355,7 +313,7 @@ std::uint64_t GatherSolver::refine(TexelRange range, const Lightmap& before, Lig
 
 void GatherSolver::bounce(TexelRange range, Lightmap& after) {
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    if (gathers(t)) look_up_texel(t, after);
+    if (hits_.gathers(t)) look_up_texel(t, after);
     after.radiosity[t] = feedback_.radiosity(t);
   }
 }
@@ -391,8 +349,9 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
   std::vector<std::uint32_t> hits(std::size_t(tile.size()) * more);
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
     light.samples[t] = had + more;
-    if (gathers(t)) all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
-    count += gathers(t);
+    if (hits_.gathers(t))
+      all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
+    count += hits_.gathers(t);
   }
   const std::span texels(all.data(), count);
   hemisphere_.follow(texels, set);
@@ -421,7 +380,7 @@ bool GatherSolver::interpolate(const Pass& pass, Lightmap& light, const Workers&
   const bool sky_too = pass.name != kBounce && pass.name != kTail;
   return workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
-      if (gathers(t)) continue;
+      if (hits_.gathers(t)) continue;
       const CoarseSites::Sites sites = sites_.around(t);
       fill(t, sites, light.indirect);
       fill(t, sites, light.indirect_spread);
