@@ -176,7 +176,7 @@ def measure_throughput(options, folder, count=8):
     service = lk.Service(options.binary, folder / "data", ["--max-running-jobs", "1"])
     bare, through = [], []
     for seed in range(1, count + 1):
-        settings = {"atlas": {"page_size": 256}, "solver": {"seed": seed}}
+        settings = {"atlas": {"page_size": 512}, "solver": {"seed": seed}}
         (folder / "settings.json").write_text(json.dumps(settings))
         began = time.monotonic()
         subprocess.run([options.binary, "bake", str(path), "-o", str(folder / f"out{seed}"), "--settings",
