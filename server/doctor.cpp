@@ -1,10 +1,8 @@
 #include "server/doctor.h"
 
 #include <fcntl.h>
-#include <netdb.h>
 #include <sqlite3.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <sys/timex.h>
 #include <unistd.h>
 
@@ -13,7 +11,6 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -21,6 +18,7 @@
 #include "proto/files.h"
 #include "server/auth/gate.h"
 #include "server/auth/token_store.h"
+#include "server/http/listen.h"
 #include "server/machine.h"
 #include "server/storage/data_folder.h"
 
@@ -140,23 +138,9 @@ Finding descriptors(const ServerConfig& config) {
   return f;
 }
 
-bool can_listen(const std::string& address, std::uint16_t port) {
-  addrinfo hints{};
-  hints.ai_socktype = SOCK_STREAM;
-  hints.ai_flags = AI_PASSIVE;
-  addrinfo* found = nullptr;
-  if (::getaddrinfo(address.c_str(), std::to_string(port).c_str(), &hints, &found) != 0)
-    return false;
-  const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owner(found, &::freeaddrinfo);
-  const proto::Fd fd(::socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC, 0));
-  const int yes = 1;
-  ::setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-  return ::bind(fd.get(), found->ai_addr, found->ai_addrlen) == 0 && ::listen(fd.get(), 1) == 0;
-}
-
 Finding port(const char* name, const std::string& address, std::uint16_t number) {
   Finding f{name, Health::kOk, address + ":" + std::to_string(number), ""};
-  if (can_listen(address, number)) return f;
+  if (listen_on(address, number).valid()) return f;
   f.health = Health::kFail;
   f.value += " can't be listened on";
   f.advice =

@@ -15,6 +15,9 @@ struct Container {
   std::optional<std::string_view> binary;  ///< BIN chunk of a .glb, padding included
 };
 
+/// Lengths in a .glb are 32 bits.
+inline constexpr std::uint64_t kMaxGlbBytes = 0xffffffff;
+
 /// Splits a .glb into its chunks; any other file is taken for a .gltf, all JSON.
 /// Errors: `invalid_scene`: wrong magic or version, truncated, chunks missing, twice or out of
 /// order.

@@ -18,6 +18,7 @@ namespace kiln::baker {
 /// and are removed by unlinking, which leaves a mapping whole.
 class MappedFile {
  public:
+  static constexpr std::uint64_t kAnyLength = ~std::uint64_t{0};
   /// Errors: `limit_exceeded` when the file is longer than `max_bytes`, `missing_file` when it
   /// can't be read or is no regular file.
   static proto::Expected<MappedFile> open(const std::filesystem::path&, std::uint64_t max_bytes);

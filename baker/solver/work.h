@@ -1,7 +1,8 @@
 #pragma once
 
 /// About what parts of a bake cost, in shadow rays: for the estimates of progress and of the time
-/// that is left, nothing else. Measured over six scenes, see docs/performance.md.
+/// that is left, nothing else. Measured over six scenes, and rough: the ratios
+/// differ by two from scene to scene.
 namespace kiln::baker::work {
 
 inline constexpr double kDirection = 1.1;  ///< a gathering ray

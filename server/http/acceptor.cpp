@@ -1,6 +1,5 @@
 #include "server/http/acceptor.h"
 
-#include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -15,27 +14,11 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "server/http/listen.h"
 #include "server/log.h"
 
 namespace kiln::server {
 namespace {
-
-constexpr int kBacklog = 1024;
-
-void set(int fd, int level, int option, int value) {
-  ::setsockopt(fd, level, option, &value, sizeof value);
-}
-
-// Not SO_REUSEPORT: two services would share a port, and its traffic, without an error.
-proto::Fd listen_on(const addrinfo& at) {
-  proto::Fd fd(::socket(at.ai_family, at.ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-  if (!fd.valid()) return {};
-  set(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
-  if (at.ai_family == AF_INET6) set(fd.get(), IPPROTO_IPV6, IPV6_V6ONLY, 0);
-  if (::bind(fd.get(), at.ai_addr, at.ai_addrlen) != 0 || ::listen(fd.get(), kBacklog) != 0)
-    return {};
-  return fd;
-}
 
 std::uint16_t port_of(int fd) {
   sockaddr_storage address{};
@@ -91,16 +74,8 @@ void Acceptor::stop() {
 }
 
 bool Acceptor::bind(std::uint16_t port) {
-  addrinfo hints{};
-  hints.ai_socktype = SOCK_STREAM;
-  hints.ai_flags = AI_PASSIVE;
-  addrinfo* found = nullptr;
-  if (::getaddrinfo(address_.c_str(), std::to_string(port).c_str(), &hints, &found) != 0)
-    return false;
-  const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owner(found, &::freeaddrinfo);
   listener_.reset();
-  for (const addrinfo* at = found; at != nullptr && !listener_.valid(); at = at->ai_next)
-    listener_ = listen_on(*at);
+  listener_ = listen_on(address_, port);
   if (!listener_.valid()) return false;
   port_ = port_of(listener_.get());
   return true;
@@ -129,7 +104,8 @@ bool Acceptor::accept_one() {
   constexpr int kShortageMs = 100;
   proto::Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
   if (fd.valid()) {
-    set(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
+    const int yes = 1;
+    ::setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     try {
       take_(std::move(fd));
     } catch (const std::bad_alloc&) {  // that connection is closed; the next may find memory

@@ -15,20 +15,10 @@
 namespace kiln::server {
 
 Api::Api(ApiParts parts)
-    : config_(parts.config),
-      data_(parts.data),
-      store_(parts.store),
-      scenes_(parts.scenes),
-      jobs_(parts.jobs),
-      feeds_(parts.feeds),
-      webhooks_(parts.webhooks),
-      uploads_(parts.uploads),
-      gate_(parts.gate),
-      check_(std::move(parts.check)),
-      bake_threads_(parts.bake_threads),
-      tenant_rate_(config_.max_requests_per_minute_per_tenant),
-      token_rate_(config_.max_requests_per_minute_per_token),
-      waits_(std::max<std::ptrdiff_t>(config_.http_threads / 2, 1)) {
+    : parts_(std::move(parts)),
+      tenant_rate_(parts_.config.max_requests_per_minute_per_tenant),
+      token_rate_(parts_.config.max_requests_per_minute_per_token),
+      waits_(std::max<std::ptrdiff_t>(parts_.config.http_threads / 2, 1)) {
   for (const Route& route : routes())
     router_.add(route.method, route.pattern,
                 [this, handler = route.handler](Request& r) { return (this->*handler)(r); });
@@ -73,7 +63,7 @@ std::vector<std::pair<std::string, std::string>> api_routes() {
 Response Api::handle(Request& request) {
   const std::string& path = request.head.path;
   if (path != "/" && path != "/openapi.json") {  // these tell nothing of this service
-    auto principal = gate_.admit(request.head);
+    auto principal = parts_.gate.admit(request.head);
     if (!principal) return problem(principal.error(), request);
     request.principal = std::move(*principal);
     return handle_limited(request);
@@ -115,7 +105,7 @@ Response Api::handle_limited(Request& request) {
 
 Response Api::get_root(Request& request) {
   const std::string* host = request.head.header("host");
-  const std::string url = "http://" + (host ? *host : config_.listen);
+  const std::string url = "http://" + (host ? *host : parts_.config.listen);
   Response response;
   response.content_type = "text/plain; charset=utf-8";
   response.body = "Lightkiln " LIGHTKILN_VERSION
@@ -136,44 +126,45 @@ Response Api::get_capabilities(Request& request) {
       {"version", LIGHTKILN_VERSION},
       {"methods", schema.at("/properties/solver/properties/method/enum"_json_pointer)},
       {"settings", {{"schema", schema}, {"defaults", proto::to_json(proto::BakeSettings{})}}},
-      {"threads", bake_threads_},
+      {"threads", parts_.bake_threads},
       {"instruction_set", baker::instruction_set()}};
   // The schema lists the presets in the order of their values.
   const auto& names = schema.at("/properties/quality/properties/preset/enum"_json_pointer);
   for (std::size_t i = 0; i < names.size(); ++i)
     document["presets"][names[i].get<std::string>()] = {
         {"target_error", proto::shortest_number(proto::target_error(proto::Preset(i)))}};
-  const baker::ImportLimits import = import_limits(config_);
-  document["limits"] = {{"job_seconds", config_.max_job_seconds},
-                        {"tenant_queued_jobs", config_.max_queued_jobs_per_tenant},
-                        {"tenant_running_jobs", config_.max_running_jobs_per_tenant},
-                        {"tenant_result_bytes", config_.max_bytes_per_tenant},
-                        {"tenant_texels_per_day", config_.max_texels_per_tenant_per_day},
-                        {"tenant_cpu_seconds_per_day", config_.max_cpu_seconds_per_tenant_per_day},
-                        {"tenant_requests_per_minute", config_.max_requests_per_minute_per_tenant},
-                        {"token_requests_per_minute", config_.max_requests_per_minute_per_token},
-                        {"upload_bytes", config_.max_upload_bytes},
-                        {"request_json_bytes", config_.max_request_json_bytes},
-                        {"memory_bytes", config_.memory_budget_bytes},
-                        {"queued_jobs", config_.max_queued_jobs},
-                        {"running_jobs", config_.max_running_jobs},
-                        {"scene_json_bytes", import.json_bytes},
-                        {"scene_json_depth", import.json_depth},
-                        {"import_memory_bytes", config_.import_memory_bytes},
-                        {"import_seconds", config_.import_seconds},
-                        {"nodes", import.nodes},
-                        {"node_depth", import.node_depth},
-                        {"vertices", import.vertices},
-                        {"triangles", import.triangles},
-                        {"image_pixels", import.image_pixels},
-                        {"all_image_pixels", import.all_image_pixels},
-                        {"lights", import.lights}};
+  const baker::ImportLimits import = import_limits(parts_.config);
+  document["limits"] = {
+      {"job_seconds", parts_.config.max_job_seconds},
+      {"tenant_queued_jobs", parts_.config.max_queued_jobs_per_tenant},
+      {"tenant_running_jobs", parts_.config.max_running_jobs_per_tenant},
+      {"tenant_result_bytes", parts_.config.max_bytes_per_tenant},
+      {"tenant_texels_per_day", parts_.config.max_texels_per_tenant_per_day},
+      {"tenant_cpu_seconds_per_day", parts_.config.max_cpu_seconds_per_tenant_per_day},
+      {"tenant_requests_per_minute", parts_.config.max_requests_per_minute_per_tenant},
+      {"token_requests_per_minute", parts_.config.max_requests_per_minute_per_token},
+      {"upload_bytes", parts_.config.max_upload_bytes},
+      {"request_json_bytes", parts_.config.max_request_json_bytes},
+      {"memory_bytes", parts_.config.memory_budget_bytes},
+      {"queued_jobs", parts_.config.max_queued_jobs},
+      {"running_jobs", parts_.config.max_running_jobs},
+      {"scene_json_bytes", import.json_bytes},
+      {"scene_json_depth", import.json_depth},
+      {"import_memory_bytes", parts_.config.import_memory_bytes},
+      {"import_seconds", parts_.config.import_seconds},
+      {"nodes", import.nodes},
+      {"node_depth", import.node_depth},
+      {"vertices", import.vertices},
+      {"triangles", import.triangles},
+      {"image_pixels", import.image_pixels},
+      {"all_image_pixels", import.all_image_pixels},
+      {"lights", import.lights}};
   const std::string& tenant = request.principal.tenant;
-  const JobService::Usage usage = jobs_.usage(tenant);
+  const JobService::Usage usage = parts_.jobs.usage(tenant);
   document["usage"] = {{"queued_jobs", usage.queued},
                        {"running_jobs", usage.running},
                        {"result_bytes", usage.result_bytes},
-                       {"upload_bytes", uploads_.bytes(tenant)},
+                       {"upload_bytes", parts_.uploads.bytes(tenant)},
                        {"texels_today", usage.today.texels},
                        {"cpu_seconds_today", usage.today.cpu_seconds},
                        {"day", usage.day}};

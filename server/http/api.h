@@ -115,17 +115,7 @@ class Api {
   static const std::vector<Route>& routes();
   friend std::vector<std::pair<std::string, std::string>> api_routes();
 
-  const ServerConfig& config_;
-  const DataFolder& data_;
-  JobStore& store_;
-  const SceneStore& scenes_;
-  JobService& jobs_;
-  EventFeeds& feeds_;
-  const Webhooks& webhooks_;
-  UploadStore& uploads_;
-  const Gate& gate_;
-  CheckFunction check_;
-  unsigned bake_threads_;
+  const ApiParts parts_;
   Router router_;
   RateLimiter tenant_rate_, token_rate_;
   std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads

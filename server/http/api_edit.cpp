@@ -38,7 +38,7 @@ Response Api::patch_job(Request& request) {
   auto patch = proto::job_patch_from_json(body->value_or(nlohmann::json::object()));
   if (!patch) return problem(patch.error(), request);
   const std::string* condition = request.head.header("if-match");
-  auto patched = jobs_.patch(job->id, *patch, [&](std::uint64_t version) {
+  auto patched = parts_.jobs.patch(job->id, *patch, [&](std::uint64_t version) {
     return !condition || matches_strongly(*condition, "\"" + std::to_string(version) + "\"");
   });
   if (!patched) return problem(patched.error(), request);
@@ -52,7 +52,8 @@ Response Api::cancel_job(Request& request) {
   if (!body) return problem(body.error(), request);
   auto mode = read_choice(*body, "mode", {"now", "drain"});
   if (!mode) return problem(mode.error(), request);
-  auto job = jobs_.cancel(before->id, *mode == "drain" ? CancelMode::kDrain : CancelMode::kNow);
+  auto job =
+      parts_.jobs.cancel(before->id, *mode == "drain" ? CancelMode::kDrain : CancelMode::kNow);
   if (!job) return problem(job.error(), request);
   return job_response(proto::is_terminal(before->state) ? 200 : 202, *job);
 }
@@ -64,7 +65,8 @@ Response Api::retry_job(Request& request) {
   if (!body) return problem(body.error(), request);
   auto from = read_choice(*body, "from", {"checkpoint", "start"});
   if (!from) return problem(from.error(), request);
-  auto job = jobs_.retry(before->id, *from == "start" ? RetryFrom::kStart : RetryFrom::kCheckpoint);
+  auto job =
+      parts_.jobs.retry(before->id, *from == "start" ? RetryFrom::kStart : RetryFrom::kCheckpoint);
   if (!job) return problem(job.error(), request);
   return job_response(202, *job);
 }
@@ -78,7 +80,7 @@ Response Api::delete_job(Request& request) {
                     "`force` has to be true or false.",
                     {{"request", "/query/force", "not true or false"}}},
                    request);
-  auto removed = jobs_.remove(job->id, force && *force == "true");
+  auto removed = parts_.jobs.remove(job->id, force && *force == "true");
   if (!removed) return problem(removed.error(), request);
   Response response;
   response.status = 204;

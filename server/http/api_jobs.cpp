@@ -63,7 +63,7 @@ Expected<proto::Job> Api::find_job(const Request& request) const {
   const std::string& id = request.parameters.at(0);
   const auto missing = [&] { return fail("not_found", "There is no job " + id + "."); };
   if (!is_id(id, "job_")) return missing();
-  auto job = jobs_.get(id);
+  auto job = parts_.jobs.get(id);
   if (job && !request.principal.may_see(job->tenant)) return missing();
   return job;
 }
@@ -72,7 +72,7 @@ Response Api::list_jobs(Request& request) {
   auto filter = read_filter(request);
   if (!filter) return problem(filter.error(), request);
   if (!request.principal.admin) filter->tenant = request.principal.tenant;
-  const JobService::Page page = jobs_.list(*filter);
+  const JobService::Page page = parts_.jobs.list(*filter);
   nlohmann::json items = nlohmann::json::array();
   for (const auto& job : page.jobs) items.push_back(proto::to_json(job));
   nlohmann::json document{{"items", std::move(items)}, {"next_cursor", nullptr}};
@@ -93,7 +93,7 @@ Api::Waited Api::wait_for_job(Request& request, proto::Job job, std::chrono::sec
     ~Release() { slots.release(); }
   } release{waits_};
   const auto began = std::chrono::steady_clock::now();
-  auto later = jobs_.wait(job.id, time, since);
+  auto later = parts_.jobs.wait(job.id, time, since);
   request.asleep += std::chrono::steady_clock::now() - began;
   return {std::move(later), true};
 }

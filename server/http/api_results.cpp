@@ -80,7 +80,8 @@ Expected<proto::Job> Api::find_finished(const Request& request) const {
   auto job = find_job(request);
   if (!job || job->state == proto::JobState::kSucceeded) return job;
   // A bake that was canceled with `drain` has the light of its passes.
-  if (job->state == proto::JobState::kCancelled && !jobs_.results(job->id).empty()) return job;
+  if (job->state == proto::JobState::kCancelled && !parts_.jobs.results(job->id).empty())
+    return job;
   if (!proto::is_terminal(job->state))
     return fail("result_not_ready", "Job " + job->id + " is not over yet.");
   return fail("not_found",
@@ -90,13 +91,13 @@ Expected<proto::Job> Api::find_finished(const Request& request) const {
 Response Api::get_results(Request& request) {
   auto job = find_finished(request);
   if (!job) return problem(job.error(), request);
-  auto text = proto::read_file(data_.results(job->id) / "manifest.json", kMaxManifestBytes);
+  auto text = proto::read_file(parts_.data.results(job->id) / "manifest.json", kMaxManifestBytes);
   if (!text) return problem(text.error(), request);
   auto manifest = proto::parse_json(*text, "manifest");
   if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
   auto files = nlohmann::json::array();
   std::string etag;
-  for (const auto& file : jobs_.results(job->id)) {
+  for (const auto& file : parts_.jobs.results(job->id)) {
     files.push_back({{"name", file.name},
                      {"media_type", file.media_type},
                      {"bytes", file.bytes},
@@ -125,11 +126,11 @@ Response Api::get_result(Request& request) {
   auto job = find_finished(request);
   if (!job && request.parameters.at(1) == "log.txt")
     if (const auto any = find_job(request))
-      if (auto log = log_response(data_, any->id)) return std::move(*log);
+      if (auto log = log_response(parts_.data, any->id)) return std::move(*log);
   if (!job) return problem(job.error(), request);
   const std::string& name = request.parameters.at(1);
   // Only names that the store lists are ever turned into a path.
-  const auto files = jobs_.results(job->id);
+  const auto files = parts_.jobs.results(job->id);
   const auto found = std::find_if(files.begin(), files.end(),
                                   [&](const proto::ResultFile& f) { return f.name == name; });
   if (found == files.end())
@@ -149,7 +150,7 @@ Response Api::get_result(Request& request) {
 
 proto::Expected<std::shared_ptr<const proto::Fd>> Api::open_result(
     const std::string& id, const proto::ResultFile& file) const {
-  const auto path = data_.results(id) / file.name;
+  const auto path = parts_.data.results(id) / file.name;
   auto fd = std::make_shared<const proto::Fd>(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd->valid()) return proto::storage_error("open", path);
   return fd;
@@ -161,7 +162,7 @@ Response Api::get_results_zip(Request& request) {
   if (!job) return problem(job.error(), request);
   std::vector<ZipEntry> entries;
   proto::Sha256 identity;
-  for (const auto& result : jobs_.results(job->id)) {
+  for (const auto& result : parts_.jobs.results(job->id)) {
     auto file = open_result(job->id, result);
     if (!file) return problem(file.error(), request);
     entries.push_back({result.name, std::move(*file), result.bytes});
@@ -194,10 +195,10 @@ Expected<std::string> Api::render_preview(const Request& request, const proto::J
         [&](std::uint32_t t) { return snapshot.light->irradiance(t); }, job.settings.post.dilate);
   } else {
     const std::string name = exr_name(number);
-    const auto files = jobs_.results(job.id);
+    const auto files = parts_.jobs.results(job.id);
     if (std::none_of(files.begin(), files.end(), [&](const auto& f) { return f.name == name; }))
       return no_page();
-    auto read = baker::read_exr(data_.results(job.id) / name);
+    auto read = baker::read_exr(parts_.data.results(job.id) / name);
     if (!read) return proto::Unexpected(read.error());
     image = std::move(*read);
   }
@@ -214,7 +215,7 @@ Response Api::get_preview(Request& request) {
                     "Only pass=latest can be had.",
                     {{"request", "/query/pass", "not `latest`"}}},
                    request);
-  const baker::Snapshot snapshot = jobs_.snapshot(job->id);
+  const baker::Snapshot snapshot = parts_.jobs.snapshot(job->id);
   if (!snapshot.light) {
     // The job may have ended between the two looks.
     if (auto finished = find_finished(request); !finished)

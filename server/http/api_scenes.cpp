@@ -21,13 +21,14 @@ Response scene_response(int status, const StoredScene& scene) {
 // Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
 // a job names the scene.
 proto::Expected<SceneUpload> Api::receive_scene(Request& request) {
-  auto upload =
-      receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
-                     /*for_job=*/false);
+  auto upload = receive_upload(
+      request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
+      /*for_job=*/false);
   if (!upload) return proto::Unexpected(upload.error());
   proto::BakeSettings any_light;
   any_light.allow_dark = true;
-  if (auto ok = check_(upload->scene.files(), any_light); !ok) return proto::Unexpected(ok.error());
+  if (auto ok = parts_.check(upload->scene.files(), any_light); !ok)
+    return proto::Unexpected(ok.error());
   return std::move(upload->scene);
 }
 
@@ -54,22 +55,23 @@ Response Api::put_scene_named(Request& request) {
 
 proto::Expected<void> Api::check_owner(const Request& request, const std::string& scene) const {
   const Principal& client = request.principal;
-  if (client.admin || store_.owns_scene(scene, client.tenant)) return {};
+  if (client.admin || parts_.store.owns_scene(scene, client.tenant)) return {};
   return proto::fail("not_found", "There is no scene sha256:" + scene + ".");
 }
 
 proto::Expected<SceneStore::Put> Api::put_scene(const Request& request, SceneUpload&& upload) {
-  auto put = scenes_.put(std::move(upload));
+  auto put = parts_.scenes.put(std::move(upload));
   if (!put) return put;
   const std::string &key = put->scene.key, &tenant = request.principal.tenant;
-  if (!tenant.empty() && !store_.owns_scene(key, tenant)) store_.grant_scene(key, tenant);
+  if (!tenant.empty() && !parts_.store.owns_scene(key, tenant))
+    parts_.store.grant_scene(key, tenant);
   return put;
 }
 
 Response Api::get_scene(Request& request) {
   const std::string& key = request.parameters.at(0);
   if (auto ok = check_owner(request, key); !ok) return problem(ok.error(), request);
-  auto scene = scenes_.find(key);
+  auto scene = parts_.scenes.find(key);
   if (!scene) return problem(scene.error(), request);
   return scene_response(200, *scene);
 }

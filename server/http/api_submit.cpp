@@ -64,7 +64,7 @@ std::string scene_key(const nlohmann::json& document) {
 
 // The body as a JSON object; nothing when there is no body.
 proto::Expected<std::optional<nlohmann::json>> Api::read_json_object(Request& request) {
-  auto text = receive_text(request, config_.max_request_json_bytes);
+  auto text = receive_text(request, parts_.config.max_request_json_bytes);
   if (!text) return proto::Unexpected(text.error());
   if (text->empty()) return std::nullopt;
   auto document = proto::parse_json(*text, "request");
@@ -91,7 +91,7 @@ proto::Expected<Submission> Api::read_json_job(Request& request) {
                   "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
                   "POST /v1/scenes answered.");
   if (auto ok = check_owner(request, key); !ok) return proto::Unexpected(ok.error());
-  auto scene = scenes_.use(key);
+  auto scene = parts_.scenes.use(key);
   if (!scene) return proto::Unexpected(scene.error());
   job.scene = std::move(*scene);
   if (const auto given = document.find("settings"); given != document.end()) {
@@ -99,15 +99,16 @@ proto::Expected<Submission> Api::read_json_job(Request& request) {
     if (!settings) return proto::Unexpected(settings.error());
     job.settings = std::move(*settings);
   }
-  if (auto ok = check_(job.scene.files, job.settings); !ok) return proto::Unexpected(ok.error());
+  if (auto ok = parts_.check(job.scene.files, job.settings); !ok)
+    return proto::Unexpected(ok.error());
   return job;
 }
 
 proto::Expected<Submission> Api::read_job_request(Request& request) {
   if (media_type(request.head) == "application/json") return read_json_job(request);
-  auto upload =
-      receive_upload(request, data_, {config_.max_upload_bytes, config_.max_request_json_bytes},
-                     /*for_job=*/true);
+  auto upload = receive_upload(
+      request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
+      /*for_job=*/true);
   if (!upload) return proto::Unexpected(upload.error());
   Submission job;
   auto settings = proto::parse_settings(upload->settings.value_or(""));
@@ -120,7 +121,7 @@ proto::Expected<Submission> Api::read_job_request(Request& request) {
     if (!options) return proto::Unexpected(options.error());
     job.options = std::move(*options);
   }
-  if (auto ok = check_(upload->scene.files(), job.settings); !ok)
+  if (auto ok = parts_.check(upload->scene.files(), job.settings); !ok)
     return proto::Unexpected(ok.error());
   auto put = put_scene(request, std::move(upload->scene));
   if (!put) return proto::Unexpected(put.error());
@@ -131,16 +132,16 @@ proto::Expected<Submission> Api::read_job_request(Request& request) {
 Response Api::post_job(Request& request) {
   auto key = idempotency_key(request);
   if (!key) return problem(key.error(), request);
-  if (auto open = jobs_.accepting(request.principal.tenant, *key); !open)
+  if (auto open = parts_.jobs.accepting(request.principal.tenant, *key); !open)
     return problem(open.error(), request);
   auto input = read_job_request(request);
   if (!input) return problem(input.error(), request);
   if (const auto& hook = input->options.webhook)
-    if (auto ok = webhooks_.check(*hook, request.principal.tenant); !ok)
+    if (auto ok = parts_.webhooks.check(*hook, request.principal.tenant); !ok)
       return problem(ok.error(), request);
   input->tenant = request.principal.tenant;
   input->idempotency_key = *key;
-  auto submitted = jobs_.submit(*input);
+  auto submitted = parts_.jobs.submit(*input);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
   const Waited waited = wait_for_job(request, std::move(submitted->job), patience);

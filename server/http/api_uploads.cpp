@@ -61,7 +61,7 @@ proto::Unexpected missing_header(const char* name, const char* what) {
 Expected<PartialUpload> Api::find_upload(const Request& request) const {
   const std::string& id = request.parameters.at(0);
   if (!is_id(id, "upl_")) return fail("not_found", "There is no upload " + id + ".");
-  return uploads_.look(id, request.principal.tenant, request.principal.admin);
+  return parts_.uploads.look(id, request.principal.tenant, request.principal.admin);
 }
 
 Expected<PartialUpload> Api::wanted_upload(const Request& request) const {
@@ -76,9 +76,10 @@ Expected<PartialUpload> Api::wanted_upload(const Request& request) const {
   wanted.length = **length;
   if (wanted.length == 0)
     return fail("invalid_request", "An upload needs a byte.", "request", "/headers/upload-length");
-  if (wanted.length > config_.max_upload_bytes)
+  if (wanted.length > parts_.config.max_upload_bytes)
     return fail("payload_too_large", "The upload is over the limit of " +
-                                         std::to_string(config_.max_upload_bytes) + " bytes.");
+                                         std::to_string(parts_.config.max_upload_bytes) +
+                                         " bytes.");
   const std::string* type = request.head.header("content-type");
   wanted.content_type = type ? *type : "application/octet-stream";
   if (const std::string* digest = request.head.header("repr-digest")) wanted.digest = *digest;
@@ -93,15 +94,15 @@ Response Api::post_upload(Request& request) {
   auto wanted = wanted_upload(request);
   if (!wanted) return problem(wanted.error(), request);
   const std::string& tenant = wanted->tenant;
-  if (config_.max_bytes_per_tenant > 0 &&
-      store_.result_bytes(tenant) + uploads_.bytes(tenant) + wanted->length >
-          config_.max_bytes_per_tenant)
+  if (parts_.config.max_bytes_per_tenant > 0 &&
+      parts_.store.result_bytes(tenant) + parts_.uploads.bytes(tenant) + wanted->length >
+          parts_.config.max_bytes_per_tenant)
     return problem({"quota_exceeded",
                     "With this upload the tenant's results and uploads would be over " +
-                        std::to_string(config_.max_bytes_per_tenant) + " bytes.",
+                        std::to_string(parts_.config.max_bytes_per_tenant) + " bytes.",
                     {}},
                    request);
-  auto opened = uploads_.open(*wanted);
+  auto opened = parts_.uploads.open(*wanted);
   if (!opened) return problem(opened.error(), request);
   const int status = opened->created ? 201 : 200;
   if (!request.head.has_body() || !opened->created)
@@ -122,7 +123,7 @@ Response Api::get_upload(Request& request) {
 Response Api::delete_upload(Request& request) {
   auto upload = find_upload(request);
   if (!upload) return problem(upload.error(), request);
-  uploads_.remove(upload->id);
+  parts_.uploads.remove(upload->id);
   Response response;
   response.status = 204;
   return response;
@@ -148,7 +149,7 @@ Response Api::patch_upload(Request& request) {
 // Takes the body off the connection. What has arrived is kept, however the request ends.
 Response Api::append_to_upload(Request& request, const PartialUpload& before) {
   if (!before.scene.empty()) return finished_upload(request, before);
-  auto appender = uploads_.append(before.id, before.offset);
+  auto appender = parts_.uploads.append(before.id, before.offset);
   if (!appender) return problem(appender.error(), request);
   Expected<void> taken;
   if (request.head.content_length.value_or(0) > before.length - before.offset)
@@ -168,14 +169,14 @@ Response Api::append_to_upload(Request& request, const PartialUpload& before) {
 
 // The whole is there: what POST /v1/scenes does with a body, with the file as the body.
 Response Api::finish_upload(Request& request, const PartialUpload& upload) {
-  const proto::Fd file(::open(uploads_.file(upload.id).c_str(), O_RDONLY | O_CLOEXEC));
+  const proto::Fd file(::open(parts_.uploads.file(upload.id).c_str(), O_RDONLY | O_CLOEXEC));
   if (!file.valid()) {
     // Another request for the same upload was faster.
     const Principal& client = request.principal;
-    if (auto now = uploads_.look(upload.id, client.tenant, client.admin);
+    if (auto now = parts_.uploads.look(upload.id, client.tenant, client.admin);
         now && !now->scene.empty())
       return finished_upload(request, *now);
-    return problem(proto::storage_error("open", uploads_.file(upload.id)).value(), request);
+    return problem(proto::storage_error("open", parts_.uploads.file(upload.id)).value(), request);
   }
   RequestHead head;
   head.method = "POST";
@@ -189,12 +190,12 @@ Response Api::finish_upload(Request& request, const PartialUpload& upload) {
   if (!scene) {
     // What the sender has to change can't be mended by sending more of it.
     const auto& code = scene.error().code;
-    if (code != "storage_full" && code != "io_error") uploads_.remove(upload.id);
+    if (code != "storage_full" && code != "io_error") parts_.uploads.remove(upload.id);
     return problem(scene.error(), request);
   }
   auto put = put_scene(request, std::move(*scene));
   if (!put) return problem(put.error(), request);
-  if (auto ok = uploads_.finished(upload.id, put->scene.key); !ok)
+  if (auto ok = parts_.uploads.finished(upload.id, put->scene.key); !ok)
     return problem(ok.error(), request);
   return with_progress(scene_response(put->created ? 201 : 200, put->scene)
                            .header("Location", scene_path(put->scene)),
@@ -203,7 +204,7 @@ Response Api::finish_upload(Request& request, const PartialUpload& upload) {
 
 // The answer to the last piece was lost: it is given again.
 Response Api::finished_upload(Request& request, const PartialUpload& upload) {
-  auto scene = scenes_.use(upload.scene);
+  auto scene = parts_.scenes.use(upload.scene);
   if (!scene) return problem(scene.error(), request);
   return with_progress(scene_response(200, *scene).header("Location", scene_path(*scene)), upload);
 }

@@ -12,7 +12,7 @@ Response Api::test_webhook(Request& request) {
   auto hook = proto::webhook_from_json(body->value_or(nlohmann::json::object()));
   if (!hook) return problem(hook.error(), request);
   const std::string& tenant = request.principal.tenant;
-  if (auto ok = webhooks_.check(*hook, tenant); !ok) return problem(ok.error(), request);
+  if (auto ok = parts_.webhooks.check(*hook, tenant); !ok) return problem(ok.error(), request);
   if (!waits_.try_acquire())
     return problem({"overloaded", "Too many requests are waiting.", {}}, request);
   const struct Release {
@@ -20,7 +20,7 @@ Response Api::test_webhook(Request& request) {
     ~Release() { slots.release(); }
   } release{waits_};
   const auto began = std::chrono::steady_clock::now();
-  const Webhooks::Tested tested = webhooks_.test(*hook, tenant);
+  const Webhooks::Tested tested = parts_.webhooks.test(*hook, tenant);
   request.asleep += std::chrono::steady_clock::now() - began;
   nlohmann::json document{{"id", tested.id},
                           {"delivered", tested.answer.delivered()},

@@ -8,10 +8,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <limits>
 #include <new>
 
 #include "baker/output/lit_request.h"
+#include "baker/scene/container.h"
 #include "baker/scene/mapped_file.h"
 #include "baker/scene/scene_file.h"
 #include "proto/files.h"
@@ -25,8 +25,6 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 
-constexpr std::uint64_t kAnySize = std::numeric_limits<std::uint64_t>::max();
-constexpr std::uint64_t kMaxGlb = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kMaxRequest = std::size_t{64} << 20;
 
 [[noreturn]] void end(int code) {
@@ -74,8 +72,8 @@ Expected<baker::SceneFiles> map_files(const ImportRequest& request) {
   for (std::size_t i = 0; i < request.files.size(); ++i) {
     const ImportFile& file = request.files[i];
     const std::string path = path_of(file, i);
-    auto mapped =
-        baker::MappedFile::map(file.fd, file.name.empty() ? "scene" : file.name, kAnySize);
+    auto mapped = baker::MappedFile::map(file.fd, file.name.empty() ? "scene" : file.name,
+                                         baker::MappedFile::kAnyLength);
     if (!mapped) return Unexpected(mapped.error());
     ::close(file.fd);
     opened->emplace(path, std::move(*mapped));
@@ -94,9 +92,9 @@ struct LitInput {
 };
 
 Expected<LitInput> map_lit(const ImportRequest& request) {
-  auto scene = baker::MappedFile::map(request.scene, "scene file", kAnySize);
+  auto scene = baker::MappedFile::map(request.scene, "scene file", baker::MappedFile::kAnyLength);
   if (!scene) return Unexpected(scene.error());
-  auto lit = baker::MappedFile::map(request.lit, "lit request", kAnySize);
+  auto lit = baker::MappedFile::map(request.lit, "lit request", baker::MappedFile::kAnyLength);
   if (!lit) return Unexpected(lit.error());
   return LitInput{std::move(*scene), std::move(*lit)};
 }
@@ -132,7 +130,8 @@ Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
     lit.emplace(std::move(*mapped));
   }
   // The products: a scene file holds what was in memory, and a .glb ends at 4 GiB.
-  const std::uint64_t product = request.work == ImportWork::kLit ? kMaxGlb : request.memory_bytes;
+  const std::uint64_t product =
+      request.work == ImportWork::kLit ? baker::kMaxGlbBytes : request.memory_bytes;
   answer.confinement = confine(request.memory_bytes, request.seconds, product);
   switch (request.work) {
     case ImportWork::kProbe:

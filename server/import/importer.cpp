@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -24,7 +23,6 @@ using proto::Expected;
 using proto::Fd;
 using proto::Unexpected;
 
-constexpr std::uint64_t kAnyLength = std::numeric_limits<std::uint64_t>::max();
 constexpr const char* kSuffix = ".scene";
 /// JPEGs decode to about ten times their size.
 constexpr std::uint64_t kAlwaysKept = 16ull << 20, kKeptPerByte = 16;
@@ -43,7 +41,8 @@ struct ReadScene {
 };
 
 Expected<ReadScene> read_scene(Fd file, const std::string& key, const std::stop_token& stop) {
-  const auto mapped = baker::MappedFile::map(file.get(), "scene file", kAnyLength);
+  const auto mapped =
+      baker::MappedFile::map(file.get(), "scene file", baker::MappedFile::kAnyLength);
   if (!mapped) return Unexpected(mapped.error());
   auto scene = baker::read_scene_file(mapped->bytes(), key, stop);
   if (!scene) return Unexpected(scene.error());
@@ -53,7 +52,7 @@ Expected<ReadScene> read_scene(Fd file, const std::string& key, const std::stop_
 /// SHA-256 of a file; "" when it can't be read, or a stop was requested.
 std::string digest_of(int fd, const std::stop_token& stop) {
   constexpr std::size_t kPiece = std::size_t{8} << 20;
-  const auto mapped = baker::MappedFile::map(fd, "scene file", kAnyLength);
+  const auto mapped = baker::MappedFile::map(fd, "scene file", baker::MappedFile::kAnyLength);
   if (!mapped) return "";
   proto::Sha256 hash;
   for (std::string_view left = mapped->bytes(); !left.empty();) {

@@ -3,7 +3,6 @@
 #include <curl/curl.h>
 #include <sys/socket.h>
 
-#include <algorithm>
 #include <memory>
 #include <stdexcept>
 
@@ -96,7 +95,7 @@ void set_options(CURL* curl, const WebhookMessage& message, Transfer& transfer) 
 
 std::string part_of(CURLU* url, CURLUPart part) {
   char* text = nullptr;
-  if (curl_url_get(url, part, &text, CURLU_DEFAULT_PORT) != CURLUE_OK) return {};
+  if (curl_url_get(url, part, &text, 0) != CURLUE_OK) return {};
   std::string out = text;
   curl_free(text);
   return out;
@@ -108,7 +107,7 @@ proto::Unexpected refuse(const std::string& what) {
 
 }  // namespace
 
-proto::Expected<WebhookTarget> webhook_target(const std::string& text, const Networks& allowed) {
+proto::Expected<void> check_webhook_url(const std::string& text, const Networks& allowed) {
   const Url url(curl_url(), &curl_url_cleanup);
   if (!url) throw std::bad_alloc();
   if (curl_url_set(url.get(), CURLUPART_URL, text.c_str(), CURLU_DISALLOW_USER) != CURLUE_OK)
@@ -117,15 +116,12 @@ proto::Expected<WebhookTarget> webhook_target(const std::string& text, const Net
   std::string host = part_of(url.get(), CURLUPART_HOST);
   if ((scheme != "http" && scheme != "https") || host.empty())
     return refuse("The webhook's URL has to begin with http:// or https://.");
-  std::transform(host.begin(), host.end(), host.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
-  const WebhookTarget target{scheme + "://" + host + ":" + part_of(url.get(), CURLUPART_PORT)};
   // Names are looked up when a message is sent. An address written out is refused at once.
   if (host.front() == '[') host = host.substr(1, host.find_first_of("]%") - 1);
   if (const auto address = Networks::address(host);
       address && !is_public(*address) && !allowed.contains(*address))
     return refuse("The webhook's address is not a public one, and this service does not allow it.");
-  return target;
+  return {};
 }
 
 WebhookAnswer send_webhook(const WebhookMessage& message, const Networks& allowed,

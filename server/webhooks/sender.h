@@ -11,13 +11,9 @@
 
 namespace kiln::server {
 
-/// Where a URL leads, as far as it can be told without a look-up.
-struct WebhookTarget {
-  std::string origin;  ///< "https://host:443"
-};
-/// Errors: `invalid_request` when it is no http or https URL, names a user, or is an address that
-/// may not be reached.
-proto::Expected<WebhookTarget> webhook_target(const std::string& url, const Networks& allowed);
+/// As far as it can be told without a look-up. Errors: `invalid_request` when it is no http or
+/// https URL, names a user, or is an address that may not be reached.
+proto::Expected<void> check_webhook_url(const std::string& url, const Networks& allowed);
 
 /// One message, ready to be sent.
 struct WebhookMessage {

@@ -61,8 +61,7 @@ proto::Expected<std::vector<std::string>> Webhooks::keys(const std::string& tena
 }
 
 proto::Expected<void> Webhooks::check(const proto::Webhook& hook, const std::string& tenant) const {
-  if (auto target = webhook_target(hook.url, options_.allowed); !target)
-    return proto::Unexpected(target.error());
+  if (auto ok = check_webhook_url(hook.url, options_.allowed); !ok) return ok;
   auto found = keys(tenant, hook.secret_ref);
   if (found) return {};
   if (found.error().code == "invalid_request") return proto::Unexpected(found.error());
@@ -119,18 +118,28 @@ void Webhooks::loop(const std::stop_token& stop) {
       }
       ++origins_[delivery->origin];
       lock.unlock();
-      const WebhookAnswer answer = send(*delivery, stop);
-      if (!stop.stop_requested() || answer.delivered()) settle(*delivery, answer);
+      try {
+        const WebhookAnswer answer = send(*delivery, stop);
+        if (!stop.stop_requested() || answer.delivered()) settle(*delivery, answer);
+      } catch (...) {
+        lock.lock();
+        leave(delivery->origin);
+        throw;
+      }
       lock.lock();
-      if (--origins_[delivery->origin] == 0) origins_.erase(delivery->origin);
-      ++news_;
-      changed_.notify_all();
+      leave(delivery->origin);
     } catch (const std::exception& e) {
       if (!lock.owns_lock()) lock.lock();
       log_line(LogLevel::kError, "webhook", {{"what", e.what()}});
       changed_.wait_for(lock, stop, std::chrono::seconds(1), [] { return false; });
     }
   }
+}
+
+void Webhooks::leave(const std::string& origin) {
+  if (--origins_[origin] == 0) origins_.erase(origin);
+  ++news_;
+  changed_.notify_all();
 }
 
 void Webhooks::settle(const Delivery& delivery, const WebhookAnswer& answer) {

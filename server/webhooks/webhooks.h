@@ -69,6 +69,7 @@ class Webhooks {
   void wait(std::unique_lock<std::mutex>&, const std::stop_token&);
   WebhookAnswer send(const Delivery&, const std::stop_token&) const;
   void settle(const Delivery&, const WebhookAnswer&);
+  void leave(const std::string& origin);  ///< with the mutex held
   proto::Expected<std::vector<std::string>> keys(const std::string& tenant,
                                                  const std::string& name) const;
 

@@ -52,6 +52,41 @@ TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
   EXPECT_EQ(lit, manifest->pages.at(0).texels);
 }
 
+TEST(Bake, SaysHowMuchTimeIsLeft) {
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "cornell", 256);
+  in.settings.solver.samples = in.settings.solver.direct_samples = 256;
+  ThreadPool pool(2);
+  Recorder recorder;
+  const auto manifest = bake(in, pool, {}, recorder);
+  ASSERT_TRUE(manifest) << manifest.error().message;
+  double solve_seconds = 0;
+  for (const auto& stage : manifest->statistics.stages)
+    if (stage.name == "solve") solve_seconds = stage.seconds;
+  ASSERT_GE(recorder.etas.size(), 2u);
+  for (const double eta : recorder.etas) EXPECT_GE(eta, 0);
+  // At the end of the light hardly anything is left of what it took; at the beginning most.
+  EXPECT_LT(recorder.etas.back(), solve_seconds / 2);
+  EXPECT_GT(recorder.etas.front(), recorder.etas.back());
+}
+
+TEST(Bake, MemoryThatIsRefusedEndsItBeforeTheAtlas) {
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "cornell", 256);
+  std::uint64_t asked = 0;
+  in.reserve_memory = [&](std::uint64_t bytes, const std::stop_token&) -> proto::Expected<void> {
+    asked = bytes;
+    return proto::fail("job_too_large", "no room");
+  };
+  ThreadPool pool(2);
+  Recorder recorder;
+  const auto manifest = bake(in, pool, {}, recorder);
+  ASSERT_FALSE(manifest);
+  EXPECT_EQ(manifest.error().code, "job_too_large");
+  EXPECT_EQ(recorder.stages, (std::vector<std::string>{"import"}));
+  EXPECT_GT(asked, 256u * 256 * 100) << "bytes for a page of texels";
+}
+
 TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
   std::string first;
   for (const unsigned threads : {1u, 2u, 3u, 8u}) {

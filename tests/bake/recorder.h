@@ -33,6 +33,7 @@ struct Recorder : BakeObserver, Told {
   std::mutex mutex;
   double fraction = 0;
   bool fell = false;
+  std::vector<double> etas;
   std::stop_source stop;
   std::size_t stop_after = SIZE_MAX;  ///< passes
 
@@ -53,6 +54,7 @@ struct Recorder : BakeObserver, Told {
     const std::lock_guard lock(mutex);
     fell = fell || p.fraction < fraction - 0.02;  // two threads may report out of turn
     fraction = p.fraction;
+    if (p.eta_seconds) etas.push_back(*p.eta_seconds);
   }
 };
 

@@ -7,23 +7,18 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <fstream>
 #include <future>
 #include <set>
-#include <sstream>
 #include <thread>
 
 #include "baker/bake.h"
 #include "baker/scene/generate.h"
-#include "http/program.h"
+#include "import/slow_scene.h"
 #include "server/import/importer.h"
-#include "support/gltf_builder.h"
-#include "support/png_builder.h"
 #include "support/sanitizer.h"
 #include "support/temp_files.h"
 
@@ -35,50 +30,6 @@ using namespace std::chrono_literals;
 using test::TempFolder;
 
 constexpr bool kHasMemoryLimit = test::kSlowdown == 1;  // sanitizers have none
-
-std::string process_file(pid_t pid, const char* name) {
-  std::ifstream in("/proc/" + std::to_string(pid) + "/" + name);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-/// The value of a line "Name:\tvalue" of /proc/PID/status.
-std::string status_of(pid_t pid, const std::string& name) {
-  std::istringstream lines(process_file(pid, "status"));
-  for (std::string line; std::getline(lines, line);)
-    if (line.starts_with(name + ":"))
-      return line.substr(line.find_first_not_of(" \t", name.size() + 1));
-  return "";
-}
-
-/// A PNG of a few kilobytes that takes 4 * side^2 bytes and a while to decode.
-std::string large_png(std::uint32_t side) {
-  const std::string rows((std::size_t{side} / 8 + 1) * side, '\0');
-  uLongf size = compressBound(rows.size());
-  std::string stream(size, '\0');
-  EXPECT_EQ(compress2(reinterpret_cast<Bytef*>(stream.data()), &size,
-                      reinterpret_cast<const Bytef*>(rows.data()), rows.size(), 1),
-            Z_OK);
-  stream.resize(size);
-  return test::PngBuilder::from_stream(side, side, 1, 0, stream);
-}
-
-/// A triangle with a texture, under a lamp.
-std::string textured_glb(const std::string& png) {
-  test::GltfBuilder b = test::triangle_builder();
-  b.add("textures", {{"source", b.image(png, "image/png")}});
-  b.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}},
-              {"emissiveFactor", {1, 1, 1}}});
-  b.json["meshes"][0]["primitives"][0]["material"] = 0;
-  return b.glb();
-}
-
-/// Takes between half a second and some seconds to import.
-const std::string& slow_glb() {
-  static const std::string glb = textured_glb(large_png(12'000));
-  return glb;
-}
 
 struct Scene {
   TempFolder folder;
@@ -415,88 +366,6 @@ TEST(ImportProcess, CostsLittleTime) {
   RecordProperty("import_ms", std::to_string(import));
   EXPECT_LT(check, 50 * test::kSlowdown);
   EXPECT_LT(import, 50 * test::kSlowdown);
-}
-
-// The service ------------------------------------------------------------------------------------
-
-/// The import process of a running service, once it decodes.
-pid_t import_process_of(const Program& program) {
-  const fs::path tasks = "/proc/" + std::to_string(program.pid()) + "/task";
-  for (int i = 0; i < 20'000; ++i, std::this_thread::sleep_for(1ms)) {
-    std::error_code gone;
-    for (fs::directory_iterator at(tasks, gone), end; !gone && at != end; at.increment(gone)) {
-      std::ifstream children(at->path() / "children");
-      for (pid_t pid = 0; children >> pid;)
-        if (status_of(pid, "Seccomp") == "2") return pid;
-    }
-  }
-  return -1;
-}
-
-/// The job's problem, once it is over.
-std::string end_of(const Program& program, const std::string& id) {
-  return curl(program.url("/v1/jobs/" + id + "?wait=60")).body;
-}
-
-TEST(ImportProcess, ItsDeathFailsOneJobOfTheService) {
-  const TempFolder folder;
-  Program program(folder.path() / "data");
-  EXPECT_TRUE(program.logged("import.confined")) << program.log();
-  const auto slow = folder.write("slow.glb", textured_glb(large_png(6000)));
-  const std::string small = R"({"atlas":{"page_size":64}})";
-  const std::string other = post_job(program, write_small_scene(folder.path()), small);
-  const std::string id = post_job(program, slow, small);
-  const pid_t pid = import_process_of(program);
-  ASSERT_GT(pid, 0) << program.log();
-  ::kill(pid, SIGKILL);
-  const std::string job = end_of(program, id);
-  EXPECT_EQ(member(job, "state"), "failed") << job;
-  EXPECT_EQ(member(member(job, "error"), "code"), "import_crashed") << job;
-  EXPECT_TRUE(program.logged("import.failed"));
-  EXPECT_EQ(member(end_of(program, other), "state"), "succeeded");
-  EXPECT_EQ(curl("-X POST " + program.url("/v1/jobs/" + id + "/retry")).status, 202);
-  EXPECT_EQ(member(end_of(program, id), "state"), "succeeded") << "nobody kills it this time";
-}
-
-TEST(ImportProcess, GoesWithTheService) {
-  const TempFolder folder;
-  Program program(folder.path() / "data");
-  post_job(program, folder.write("slow.glb", slow_glb()));
-  const pid_t pid = import_process_of(program);
-  ASSERT_GT(pid, 0);
-  ::kill(pid, SIGSTOP);
-  program.signal(SIGKILL);
-  program.wait_exit();
-  for (int i = 0; i < 5000 && ::kill(pid, 0) == 0 && status_of(pid, "State")[0] != 'Z'; ++i)
-    std::this_thread::sleep_for(1ms);
-  EXPECT_TRUE(::kill(pid, 0) != 0 || status_of(pid, "State")[0] == 'Z');
-}
-
-TEST(ImportProcess, LimitsOfTheServiceAreToldAndNamed) {
-  const TempFolder folder;
-  Program program(folder.path() / "data",
-                  {"--max-scene-triangles", "5", "--max-scene-json-depth", "9", "--import-seconds",
-                   "77", "--max-image-pixels", "1000"});
-  const std::string limits = member(curl(program.url("/v1/capabilities")).body, "limits");
-  EXPECT_EQ(member(limits, "triangles"), "5");
-  EXPECT_EQ(member(limits, "vertices"), "15");
-  EXPECT_EQ(member(limits, "scene_json_depth"), "9");
-  EXPECT_EQ(member(limits, "import_seconds"), "77");
-  EXPECT_EQ(member(limits, "image_pixels"), "1000");
-  EXPECT_EQ(member(limits, "import_memory_bytes"), std::to_string(4ull << 30));
-  const auto refused =
-      curl(job_form(write_scene(folder.path(), "cornell")) + program.url("/v1/jobs"));
-  EXPECT_EQ(refused.status, 422);
-  EXPECT_EQ(member(refused.body, "code"), "limit_exceeded");
-  EXPECT_NE(member(refused.body, "detail").find("`triangles`"), std::string::npos) << refused.body;
-  const std::string deep = R"({"asset":{"version":"2.0","extras":[[[[[[[[[[]]]]]]]]]]}})";
-  const auto nested = curl(job_form(folder.write("deep.gltf", deep)) + program.url("/v1/jobs"));
-  EXPECT_NE(member(nested.body, "detail").find("`scene_json_depth`"), std::string::npos)
-      << nested.body;
-  // Images are decoded by the job.
-  const auto large = folder.write("large.glb", textured_glb(large_png(64)));
-  const std::string job = end_of(program, post_job(program, large));
-  EXPECT_NE(member(job, "error").find("`image_pixels`"), std::string::npos) << job;
 }
 
 }  // namespace

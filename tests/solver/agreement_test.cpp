@@ -155,6 +155,40 @@ TEST(Convergence, PathErrorFallsWithTheSquareRoot) {
   EXPECT_LT(many, few / 4 * 1.15);
 }
 
+// However rays are put into packets, the light is the same but for noise, and no thread changes it.
+TEST(RayPatterns, AllGiveTheSameLight) {
+  const auto box = cornell(64);
+  proto::SolverSettings s;
+  s.samples = 256;
+  s.direct_samples = 64;
+  s.coarse_indirect = false;
+  const auto mean = [](const Solution& solution) {
+    double sum = 0, square = 0;
+    for (std::uint32_t t = 0; t < solution.light->size(); ++t) {
+      sum += luminance(solution.light->indirect[t]);
+      square += std::pow(double(solution.light->indirect_spread[t]), 2);
+    }
+    return std::pair(sum / solution.light->size(), std::sqrt(square) / solution.light->size());
+  };
+  s.ray_pattern = proto::RayPattern::kIncoherent;
+  const auto [expected, error] = mean(box->solve(s));
+  for (const auto& [pattern, name] :
+       {std::pair(proto::RayPattern::kTile, "tile"), std::pair(proto::RayPattern::kBlock, "block"),
+        std::pair(proto::RayPattern::kStrata, "strata"),
+        std::pair(proto::RayPattern::kIncoherent, "incoherent")}) {
+    s.ray_pattern = pattern;
+    const Solution one = box->solve(s, 1), many = box->solve(s, 3);
+    EXPECT_EQ(one.ray_pattern, name);
+    EXPECT_TRUE(same_bits(one.light->indirect, many.light->indirect)) << name;
+    // Bounces carry errors on, and texels of a tile share some: a few standard errors.
+    EXPECT_NEAR(mean(one).first, expected, 10 * error) << name;
+    if (pattern == proto::RayPattern::kTile) {
+      s.ray_pattern = proto::RayPattern::kAuto;
+      EXPECT_EQ(box->solve(s).ray_pattern, "tile") << "few triangles, many texels";
+    }
+  }
+}
+
 TEST(Determinism, ThreadCountChangesNoBit) {
   const auto box = cornell(64);
   for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {

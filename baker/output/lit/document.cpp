@@ -15,9 +15,6 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 
-constexpr std::uint64_t kAnySize = std::numeric_limits<std::uint64_t>::max();
-constexpr std::uint64_t kMaxGlb = std::numeric_limits<std::uint32_t>::max();
-
 /// Media type by the first bytes; "" when unknown.
 std::string sniff_image(std::string_view bytes) {
   if (bytes.starts_with("\x89PNG")) return "image/png";
@@ -41,7 +38,7 @@ LitDocument::~LitDocument() = default;
 
 Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files) {
   std::unique_ptr<LitDocument> doc(new LitDocument(files));
-  auto file = map_file(files, files.main, kAnySize);
+  auto file = map_file(files, files.main, MappedFile::kAnyLength);
   if (!file) return Unexpected(file.error());
   const auto container = open_container(doc->mapped_.emplace_back(std::move(*file)).bytes());
   if (!container) return Unexpected(container.error());
@@ -72,7 +69,7 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
     } else if (!uri.empty()) {
       const auto path = find_side_file(files_, uri, at + "/uri");
       if (!path) return Unexpected(path.error());
-      auto file = map_file(files_, *path, kAnySize);
+      auto file = map_file(files_, *path, MappedFile::kAnyLength);
       if (!file) return Unexpected(file.error());
       bytes = mapped_.emplace_back(std::move(*file)).bytes();
     }
@@ -87,7 +84,7 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
 Expected<void> LitDocument::load_views() {
   const Json& views = json().value("bufferViews", Json::array());
   for (std::size_t i = 0; i < views.size(); ++i) {
-    const auto buffer = count_at(views[i], "buffer", kAnySize);
+    const auto buffer = count_at(views[i], "buffer", std::numeric_limits<std::uint64_t>::max());
     const auto offset = count_at(views[i], "byteOffset", 0);
     const auto length = count_at(views[i], "byteLength", 0);
     if (!buffer || *buffer >= buffers_.size() || !offset || !length)
@@ -148,7 +145,7 @@ std::optional<std::string> LitDocument::image_bytes(const std::string& uri) cons
   }
   const auto path = find_side_file(files_, uri, "");
   if (!path) return std::nullopt;
-  const auto file = map_file(files_, *path, kAnySize);
+  const auto file = map_file(files_, *path, MappedFile::kAnyLength);
   return file ? std::optional(std::string(file->bytes())) : std::nullopt;
 }
 
@@ -197,7 +194,7 @@ Expected<void> LitDocument::write(int fd) {
   std::string text = json().dump();
   text.append((4 - text.size() % 4) % 4, ' ');
   const std::uint64_t total = 12 + 8 + text.size() + 8 + binary_.size();
-  if (total > kMaxGlb)
+  if (total > kMaxGlbBytes)
     return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
 
   const std::string head = std::string("glTF") + u32_bytes(2) + u32_bytes(total) +
