@@ -11,6 +11,7 @@
 #include "baker/memory_estimate.h"
 #include "baker/output/output.h"
 #include "baker/solver/checkpoint.h"
+#include "baker/solver/checkpoint_writer.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
 #include "baker/solver/work.h"
@@ -141,43 +142,59 @@ void warn_of_texels(const proto::Statistics& s, double target_error,
                             "other geometry, and are dark."});
 }
 
-/// The checkpoints of one bake. When one can't be written the bake goes on without any.
+/// The checkpoints of one bake: what it finds, and what it leaves.
 class Checkpoints {
  public:
-  Checkpoints(const BakeInput& input, std::stop_token stop, BakeObserver& observer)
-      : dir_(input.checkpoint_dir), stop_(std::move(stop)), observer_(observer) {
-    if (!dir_.empty()) key_ = bake_key(input.scene_key, input.settings);
+  Checkpoints(const BakeInput& input, unsigned threads, std::stop_token stop,
+              BakeObserver& observer)
+      : observer_(observer) {
+    options_.dir = input.checkpoint_dir;
+    if (!options_.dir.empty()) options_.key = bake_key(input.scene_key, input.settings);
+    options_.share = input.checkpoint_share;
+    options_.threads = threads;
+    options_.stop = std::move(stop);
   }
 
   SolveStart find(Solver& solver, std::uint32_t texels) {
-    if (dir_.empty()) return {};
-    auto found = read_checkpoint(dir_, key_, solver, texels, stop_);
-    if (stop_.stop_requested()) return {};  // the solve will say so
+    SolveStart start = read(solver, texels);
+    const CheckpointWriter::Listener listener{
+        [this](const proto::PassReport& pass) { observer_.on_pass(pass); },
+        [this](const proto::Error& error) {
+          observer_.on_warning(
+              {"checkpoint_failed", "", error.message + " The bake goes on without checkpoints."});
+        }};
+    writer_.emplace(options_, listener, start.passes.size());
+    return start;
+  }
+  CheckpointWriter& writer() { return *writer_; }
+
+ private:
+  SolveStart read(Solver& solver, std::uint32_t texels) {
+    if (options_.dir.empty()) return {};
+    auto found = read_checkpoint(options_.dir, options_.key, solver, texels, options_.stop);
+    if (options_.stop.stop_requested()) return {};  // the solve will say so
     if (found) return found->value_or(SolveStart{});
     observer_.on_warning(
         {"checkpoint_ignored", "", found.error().message + " The bake starts at its first pass."});
-    remove_checkpoints(dir_);
+    remove_checkpoints(options_.dir);
     return {};
   }
 
-  void write(const Pass& pass, std::span<const proto::PassReport> passes, const Lightmap& light,
-             Solver& solver) {
-    if (dir_.empty()) return;
-    Expected<void> done;
-    if (pass.fills_state) done = write_state(dir_, key_, solver.state(), stop_);
-    if (done) done = write_checkpoint(dir_, key_, passes, light);
-    if (done || stop_.stop_requested()) return;
-    observer_.on_warning(
-        {"checkpoint_failed", "", done.error().message + " The bake goes on without checkpoints."});
-    remove_checkpoints(dir_);  // on a full disk, the results need the room
-    dir_.clear();
-  }
+  CheckpointWriter::Options options_;
+  BakeObserver& observer_;
+  std::optional<CheckpointWriter> writer_;
+};
+
+/// What ends with a solver: nobody reads its state any more.
+class StateReader {
+ public:
+  explicit StateReader(CheckpointWriter& writer) : writer_(writer) {}
+  ~StateReader() { writer_.release_state(); }
+  StateReader(const StateReader&) = delete;
+  StateReader& operator=(const StateReader&) = delete;
 
  private:
-  std::filesystem::path dir_;
-  std::string key_;
-  std::stop_token stop_;
-  BakeObserver& observer_;
+  CheckpointWriter& writer_;
 };
 
 /// Expected effort of passes that are done.
@@ -210,7 +227,7 @@ class Pace {
 Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
                                 const std::shared_ptr<const TextureGroup>& texels,
                                 const LightSet& lights, ThreadPool& pool, std::stop_token stop,
-                                BakeObserver& observer, Course& course) {
+                                BakeObserver& observer, Course& course, Checkpoints& checkpoints) {
   auto rays = RayScene::build(scene, stop);
   if (!rays) return Unexpected(rays.error());
   const TexelLookup lookup(scene, atlas, *texels);
@@ -224,8 +241,9 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
                                  sample_plan(input.settings.solver, input.settings.quality),
                                  input.settings.post.filter};
   const auto solver = make_solver(solver_input);
-  Checkpoints checkpoints(input, stop, observer);
   SolveStart start = checkpoints.find(*solver, texels->size());
+  CheckpointWriter& writer = checkpoints.writer();
+  const StateReader reader(writer);
   std::vector<proto::PassReport> passes = start.passes;
   double work_done = work_of(*solver, passes), residual = 1;
   for (const auto& p : passes)
@@ -249,13 +267,14 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
     work_done += pass.work;
     if (report.residual > 0) residual = report.residual;  // tracing alone changes no light
     passes.push_back(report);
-    // First: a pass that was announced is never made again.
-    checkpoints.write(pass, passes, *light, *solver);
-    observer.on_pass(report);
-    observer.on_snapshot({texels, std::move(light), report.index});
+    observer.on_snapshot({texels, light, report.index});
+    writer.offer(pass, passes, std::move(light), solver->state());
     return {};
   };
-  return solve(*solver, *texels, pool, stop, hooks, std::move(start));
+  hooks.before_pass = [&](const Pass& pass) { writer.before(pass); };
+  auto solution = solve(*solver, *texels, pool, stop, hooks, std::move(start));
+  writer.hurry();  // while the files are written
+  return solution;
 }
 
 }  // namespace
@@ -302,8 +321,9 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   count_texels(*atlas, *texels, manifest.statistics);
 
   course.enter("solve", kSolvingFrom);
-  const auto solution =
-      solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer, course);
+  Checkpoints checkpoints(input, pool.size(), stop, observer);
+  const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
+                                     course, checkpoints);
   if (!solution) return Unexpected(solution.error());
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();
@@ -314,6 +334,8 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   const OutputInput output{*source, *scene, *atlas, *texels, *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
+  if (!checkpoints.writer().flush())
+    return proto::fail(proto::kCanceledCode, "The job was canceled.");
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)
     observer.on_warning(manifest.warnings[i]);
   course.leave();

@@ -27,8 +27,8 @@ struct Snapshot {
   std::uint32_t pass = 0;
 };
 
-/// Told of a bake's course. Called from the thread that called bake(), or from pool threads for
-/// on_progress; must return quickly and must not throw.
+/// Told of a bake's course. Called from the thread that called bake(), unless another one is named;
+/// must return quickly and must not throw.
 class BakeObserver {
  public:
   virtual ~BakeObserver() = default;
@@ -36,10 +36,13 @@ class BakeObserver {
   /// The passes of an earlier attempt that need not be made again; on_pass() does not repeat them.
   virtual void on_resume(std::uint32_t /*passes*/) {}
   virtual void on_progress(const proto::JobProgress&) {}  ///< any thread; at most 20 per second
+  /// A pass is finished: no later attempt makes it again. With checkpoints this comes once they
+  /// hold it, from the thread that writes them, and may be some passes late.
   virtual void on_pass(const proto::PassReport&) {}
+  /// After each pass, finished or not.
   // NOLINTNEXTLINE(performance-unnecessary-value-param): what overrides it takes it over
   virtual void on_snapshot(Snapshot) {}
-  virtual void on_warning(const proto::Warning&) {}
+  virtual void on_warning(const proto::Warning&) {}  ///< also from the thread of on_pass()
 };
 
 struct BakeInput {
@@ -50,14 +53,17 @@ struct BakeInput {
   /// Exists, or empty for no checkpoints. A bake goes on from those that it finds there, and
   /// leaves its own behind.
   std::filesystem::path checkpoint_dir;
-  std::string scene_sha256;  ///< of the main file, for the manifest
-  std::string scene_key;     ///< names the content of all files
-  std::stop_token enough;    ///< ends the passes early, to write the light of those that are done
+  std::string scene_sha256;        ///< of the main file, for the manifest
+  std::string scene_key;           ///< names the content of all files
+  std::stop_token enough;  ///< ends the passes early, to write the light of those that are done
   /// Asked once, when the scene is known and before anything is made of it, for the memory that the
   /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
   /// What reads the files; null: this process does, within the limits. Used by one bake at a time.
   std::shared_ptr<SceneSource> source = nullptr;
+  /// Of the processors' time that checkpoints may take; from 1 on each pass waits for its own. See
+  /// CheckpointWriter.
+  double checkpoint_share = 0.05;
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the

@@ -11,7 +11,7 @@ namespace {
 
 // Bytes per texel.
 constexpr double kSurface = 190;         ///< TextureGroup
-constexpr double kLight = 72;            ///< Lightmap
+constexpr double kLight = 73;            ///< Lightmap
 constexpr double kRadiosity = 16;        ///< Feedback
 constexpr double kBounced = 28;          ///< planes that a bounce makes anew
 constexpr double kRound = 56;            ///< planes that a round, or a pass of paths, makes anew

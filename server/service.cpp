@@ -55,6 +55,7 @@ JobLimits job_limits(const ServerConfig& config) {
   limits.tenant_bytes = config.max_bytes_per_tenant;
   limits.tenant_texels = config.max_texels_per_tenant_per_day;
   limits.tenant_cpu_seconds = config.max_cpu_seconds_per_tenant_per_day;
+  limits.checkpoint_share = config.checkpoint_percent / 100.0;
   limits.memory_bytes = config.memory_budget_bytes;
   return limits;
 }

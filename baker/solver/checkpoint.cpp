@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using proto::Expected;
 
 using Magic = std::array<char, 8>;
-constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '4'};
+constexpr Magic kPassMagic{'K', 'I', 'L', 'N', 'P', 'A', 'S', '5'};
 constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
 constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
 constexpr const char* kStateFile = "state.bin";
@@ -38,10 +38,6 @@ class Writer {
   void text(const std::string& s) {
     value(std::uint32_t(s.size()));
     bytes(s.data(), s.size());
-  }
-  template <class T>
-  void plane(const std::vector<T>& p) {
-    bytes(p.data(), p.size() * sizeof(T));
   }
   void seal() {
     const auto digest = hash_.digest();
@@ -168,6 +164,13 @@ bool for_pieces(std::span<T> bytes, std::stop_token stop, const Use& use) {
   return true;
 }
 
+void write_pieces(Writer& w, std::span<const std::byte> bytes, const std::stop_token& stop) {
+  for_pieces(bytes, stop, [&](auto piece) {
+    w.bytes(piece.data(), piece.size());
+    return true;
+  });
+}
+
 proto::Unexpected stopped() {
   return proto::fail(proto::kCanceledCode, "The job was canceled.");
 }
@@ -203,14 +206,15 @@ Expected<void> write_sealed(const fs::path& file, const Magic& magic, const std:
   return proto::storage_error("write", file);
 }
 
-/// Whether the solver would make these passes, in this order; `filled` says whether one of them
-/// filled its state.
-bool are_passes_of(const Solver& solver, std::span<const proto::PassReport> passes, bool& filled) {
-  filled = false;
+/// Whether the solver would make these passes, in this order; `needs_state` says whether those that
+/// follow need what they left in its state.
+bool are_passes_of(const Solver& solver, std::span<const proto::PassReport> passes,
+                   bool& needs_state) {
+  needs_state = false;
   for (std::size_t i = 0; i < passes.size(); ++i) {
     const auto pass = solver.next(passes.first(i));
     if (!pass || pass->name != passes[i].name || passes[i].index != i) return false;
-    filled = filled || pass->fills_state;
+    needs_state = (needs_state || pass->fills_state) && !pass->completes;
   }
   return true;
 }
@@ -218,14 +222,19 @@ bool are_passes_of(const Solver& solver, std::span<const proto::PassReport> pass
 }  // namespace
 
 Expected<void> write_checkpoint(const fs::path& dir, const std::string& key,
-                                std::span<const proto::PassReport> passes, const Lightmap& light) {
+                                std::span<const proto::PassReport> passes, const Lightmap& light,
+                                std::stop_token stop) {
   return proto::write_whole(dir / kPassFiles[passes.size() % 2], [&](const fs::path& temporary) {
-    return write_sealed(temporary, kPassMagic, key, [&](Writer& w) {
+    auto done = write_sealed(temporary, kPassMagic, key, [&](Writer& w) {
       w.value(std::uint32_t(passes.size()));
       for (const auto& p : passes) write_report(w, p);
       w.value(light.size());
-      Lightmap::for_planes(light, [&](const auto& plane) { w.plane(plane.values()); });
+      Lightmap::for_planes(light, [&](const auto& plane) {
+        write_pieces(w, std::as_bytes(std::span(plane.values())), stop);
+      });
     });
+    if (stop.stop_requested()) return Expected<void>(stopped());
+    return done;
   });
 }
 
@@ -234,10 +243,7 @@ Expected<void> write_state(const fs::path& dir, const std::string& key,
   const fs::path file = dir / kStateFile, temporary = dir / ".state.part";
   auto done = write_sealed(temporary, kStateMagic, key, [&](Writer& w) {
     w.value(std::uint64_t(state.size()));
-    for_pieces(state, stop, [&](auto piece) {
-      w.bytes(piece.data(), piece.size());
-      return true;
-    });
+    write_pieces(w, state, stop);
   });
   if (stop.stop_requested()) done = stopped();
   std::error_code error;
@@ -262,10 +268,10 @@ Expected<std::optional<SolveStart>> read_checkpoint(const fs::path& dir, const s
     return std::nullopt;
   }
   SolveStart start{std::move((*first)->passes), std::move((*first)->light)};
-  bool filled = false;
-  if (start.light->size() != texels || !are_passes_of(solver, start.passes, filled))
+  bool needs_state = false;
+  if (start.light->size() != texels || !are_passes_of(solver, start.passes, needs_state))
     return unusable(dir / kPassFiles[start.passes.size() % 2], "is of another bake");
-  if (filled)
+  if (needs_state)
     if (auto ok = read_state(dir / kStateFile, key, solver.state(), stop); !ok)
       return proto::Unexpected(ok.error());
   return start;

@@ -15,17 +15,19 @@
 /// What a bake needs to go on after the process that ran it is gone. A folder holds the light after
 /// the last two passes, in two files that take turns (pass_0.bin, pass_1.bin), and the solver's
 /// state (state.bin): little-endian arrays behind a header, with a SHA-256 over all of it. Each is
-/// replaced in one rename.
+/// replaced in one rename. The state is read for light that is not complete yet.
 namespace kiln::baker {
 
 /// Stores the light after `passes`, in place of that of the pass before the last. Durable once it
 /// returns. `key` names scene, settings and program: light of another bake is refused.
-/// Errors: `storage_full`, `io_error`.
+/// Errors: `storage_full`, `io_error`, and `canceled` within a second of a stop request.
 proto::Expected<void> write_checkpoint(const std::filesystem::path& dir, const std::string& key,
-                                       std::span<const proto::PassReport> passes, const Lightmap&);
+                                       std::span<const proto::PassReport> passes, const Lightmap&,
+                                       std::stop_token = {});
 
-/// Stores Solver::state() after a pass that filled it; before that pass's write_checkpoint(). It
-/// may be large, so it is not flushed to the disk: after a power failure its check sum tells.
+/// Stores Solver::state() as passes with `fills_state` left it; before write_checkpoint() of the
+/// first light that needs it. It may be large, so it is not flushed to the disk: after a power
+/// failure its check sum tells.
 /// Errors: `storage_full`, `io_error`, and `canceled` within a second of a stop request.
 proto::Expected<void> write_state(const std::filesystem::path& dir, const std::string& key,
                                   std::span<const std::byte> state, std::stop_token = {});

@@ -3,6 +3,7 @@
 #include <array>
 #include <bit>
 #include <map>
+#include <utility>
 
 #include "baker/solver/coarse_sites.h"
 #include "baker/solver/direct.h"
@@ -206,7 +207,7 @@ void GatherSolver::own_planes(const Pass& pass, Lightmap& after) const {
   const bool round = pass.name == kRound, bounces = pass.name == kBounce || pass.name == kTail;
   if (pass.name == kDirect || (round && rounds_.adds_shadow_rays()))
     after.direct.own(), after.direct_spread.own(), after.direct_samples.own();
-  if (pass.name == kTrace || pass.name == kRefine) after.validity.own();
+  if (pass.name == kTrace || pass.name == kRefine) after.validity.own(), after.gathers.own();
   if (bounces) after.radiosity.renew();
   if (pass.name == kDirect || (round && !rounds_.adds_directions())) return;
   after.indirect.own(), after.indirect_spread.own();
@@ -264,7 +265,7 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
     return false;
   if (!pass.completes) return true;
   // The memory of what later passes make anew is free for the filter.
-  if (!pass.fills_state) hits_.forget();
+  hits_.forget();
   feedback_.forget();
   return rounds_.judge(after, workers, report);
 }
@@ -273,13 +274,13 @@ std::uint64_t GatherSolver::trace(TexelRange range, Lightmap& after) {
   return for_tiles(range, [&](TexelRange tile) {
     const std::uint64_t rays = trace_some(tile, after, [&](std::uint32_t t) {
       const bool traced = !plan_.coarse || sites_.around(t).count == 0;
-      if (!traced) hits_.leave_out(t);
+      after.gathers[t] = traced;
       return traced;
     });
     // The first bounce of direct light, for refine() to compare the sites by.
     if (plan_.coarse && in_.settings.bounces > 0)
       for (std::uint32_t t = tile.begin; t < tile.end; ++t)
-        if (hits_.gathers(t)) look_up_texel(t, after);
+        if (after.gathers[t]) look_up_texel(t, after);
     return rays;
   });
 }
@@ -297,6 +298,7 @@ std::uint64_t GatherSolver::trace_some(TexelRange tile, Lightmap& after, const W
     after.validity[g.texel] = g.visible;
     put(sky_light(set_, g.hits), after.sky[g.texel], after.sky_spread[g.texel]);
     after.samples[g.texel] = set_.size();
+    after.gathers[g.texel] = 1;
   }
   return std::uint64_t(count) * set_.size();
 }
@@ -313,7 +315,7 @@ std::uint64_t GatherSolver::refine(TexelRange range, const Lightmap& before, Lig
 
 void GatherSolver::bounce(TexelRange range, Lightmap& after) {
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    if (hits_.gathers(t)) look_up_texel(t, after);
+    if (std::as_const(after.gathers)[t]) look_up_texel(t, after);
     after.radiosity[t] = feedback_.radiosity(t);
   }
 }
@@ -349,9 +351,10 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
   std::vector<std::uint32_t> hits(std::size_t(tile.size()) * more);
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
     light.samples[t] = had + more;
-    if (hits_.gathers(t))
+    const bool gathers = std::as_const(light.gathers)[t] != 0;
+    if (gathers)
       all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
-    count += hits_.gathers(t);
+    count += gathers;
   }
   const std::span texels(all.data(), count);
   hemisphere_.follow(texels, set);
@@ -380,7 +383,7 @@ bool GatherSolver::interpolate(const Pass& pass, Lightmap& light, const Workers&
   const bool sky_too = pass.name != kBounce && pass.name != kTail;
   return workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
-      if (hits_.gathers(t)) continue;
+      if (std::as_const(light.gathers)[t]) continue;
       const CoarseSites::Sites sites = sites_.around(t);
       fill(t, sites, light.indirect);
       fill(t, sites, light.indirect_spread);

@@ -21,24 +21,9 @@ HitMemory::HitMemory(std::uint32_t texels, std::uint32_t directions)
   if (texels > 0 && directions > 0 && !words_) throw std::bad_alloc();
 }
 
-void HitMemory::leave_out(std::uint32_t texel) {
-  of(texel).front() = kHitNone;
-}
-
-bool HitMemory::gathers(std::uint32_t texel) const {
-  return words_ ? words_.get()[std::size_t(texel) * directions_] != kHitNone : gathers_[texel];
-}
-
 std::span<std::byte> HitMemory::bytes() {
   if (!words_) return {};
   return std::as_writable_bytes(std::span(words_.get(), std::size_t(texels_) * directions_));
-}
-
-void HitMemory::forget() {
-  if (!words_) return;
-  gathers_.resize(texels_);
-  for (std::uint32_t t = 0; t < texels_; ++t) gathers_[t] = gathers(t);
-  words_.reset();
 }
 
 }  // namespace kiln::baker

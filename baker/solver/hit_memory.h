@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <memory>
 #include <span>
-#include <vector>
 
 namespace kiln::baker {
 
@@ -19,14 +18,11 @@ class HitMemory {
   std::span<std::uint32_t> of(std::uint32_t texel) {
     return {words_.get() + std::size_t(texel) * directions_, directions_};
   }
-  /// The texel sends no rays: it is interpolated. Until of(texel) is written.
-  void leave_out(std::uint32_t texel);
-  bool gathers(std::uint32_t texel) const;
 
   /// All hits, for a checkpoint; empty once they are forgotten.
   std::span<std::byte> bytes();
-  /// Gives the memory back. Which texels gather is still known.
-  void forget();
+  /// Gives the memory back.
+  void forget() { words_.reset(); }
 
  private:
   struct Free {
@@ -34,7 +30,6 @@ class HitMemory {
   };
   std::unique_ptr<std::uint32_t, Free> words_;
   std::uint32_t texels_ = 0, directions_ = 0;
-  std::vector<bool> gathers_;  ///< once the hits are forgotten
 };
 
 }  // namespace kiln::baker

@@ -25,6 +25,8 @@ struct Lightmap {
   Plane<std::uint32_t> direct_samples, samples;
   /// What the last bounce read, lx: passes that only add samples read it again.
   Plane<Rgb> radiosity;
+  /// 1 where rays of the texel's own gather, 0 where the light is interpolated from sites around.
+  Plane<std::uint8_t> gathers;
 
   Lightmap() = default;
   explicit Lightmap(std::uint32_t texels)
@@ -37,7 +39,8 @@ struct Lightmap {
         indirect_spread(texels),
         direct_samples(texels),
         samples(texels),
-        radiosity(texels) {}
+        radiosity(texels),
+        gathers(texels, 1) {}
 
   Rgb irradiance(std::uint32_t texel) const { return direct[texel] + sky[texel] + indirect[texel]; }
   std::uint32_t size() const { return direct.size(); }
@@ -48,6 +51,7 @@ struct Lightmap {
     use(light.direct), use(light.sky), use(light.indirect), use(light.validity);
     use(light.direct_spread), use(light.sky_spread), use(light.indirect_spread);
     use(light.direct_samples), use(light.samples), use(light.radiosity);
+    use(light.gathers);
   }
 };
 

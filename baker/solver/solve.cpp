@@ -79,6 +79,7 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   const Workers workers{pool, either.get_token()};
   while (const auto pass = solver.next(solution.passes)) {
     if (enough()) break;
+    if (hooks.before_pass) hooks.before_pass(*pass);
     const auto start = std::chrono::steady_clock::now();
     auto after = std::make_shared<Lightmap>(*before);
     bool whole = solver.begin(*pass, *before, *after, workers);

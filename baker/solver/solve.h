@@ -15,7 +15,9 @@ namespace kiln::baker {
 struct SolveHooks {
   /// From pool threads: batches of the current pass that are done, and their number.
   std::function<void(const Pass&, std::uint32_t done, std::uint32_t total)> on_batch;
-  /// After each pass, from the calling thread. The light is shared: it never changes afterwards.
+  /// From the calling thread, before and after each pass. The light is shared: it never changes
+  /// afterwards.
+  std::function<void(const Pass&)> before_pass;
   std::function<proto::Expected<void>(const Pass&, const proto::PassReport&,
                                       std::shared_ptr<const Lightmap>)>
       on_pass;

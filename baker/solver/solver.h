@@ -71,8 +71,9 @@ class Solver {
   virtual bool finish(const Pass&, Lightmap& /*after*/, const Workers&, proto::PassReport&) {
     return true;
   }
-  /// What passes with `fills_state` leave for later ones, beside the light. A checkpoint stores it
-  /// after such a pass, and writes it back to a solver that has run none. Empty: there is none.
+  /// What passes with `fills_state` leave beside the light for later ones, until one of them
+  /// completes it. A checkpoint between them stores it, and writes it back to a solver that has run
+  /// none. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }
   /// How gathered rays are put into packets, see PacketPlan; empty where none are.
   virtual std::string ray_pattern() const { return {}; }

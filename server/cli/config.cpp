@@ -184,6 +184,10 @@ const std::vector<ConfigRow>& config_rows() {
       {"max_job_seconds", true, "a number from 0 to 31536000",
        "Seconds that one attempt at a job may take, then it fails with bake_timeout; 0: no limit",
        parse_number<&C::max_job_seconds, 0, 31'536'000>, show_number<&C::max_job_seconds>},
+      {"checkpoint_percent", true, "a number from 1 to 100",
+       "Share of the processors' time that a bake's checkpoints may take; short passes share one;\n"
+       "100: each pass waits for one of its own",
+       parse_number<&C::checkpoint_percent, 1, 100>, show_number<&C::checkpoint_percent>},
       {"max_queued_jobs_per_tenant", true, "a number from 0 to 1000000",
        "Jobs of one tenant that may wait; 0: no limit of its own",
        parse_number<&C::max_queued_jobs_per_tenant, 0, 1'000'000>,

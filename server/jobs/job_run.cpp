@@ -73,16 +73,19 @@ JobRun::Outcome JobRun::bake() {
     if (auto made = context_.data.make_job_folders(job.id); !made) return {made.error(), {}};
     log_.line("attempt " + std::to_string(job.attempt) + " of job " + job.id +
               ", scene sha256:" + job.scene_sha256 + ", lightkiln " LIGHTKILN_VERSION);
-    const baker::BakeInput input{
-        scene->files,
-        job.settings,
-        context_.import_limits,
-        context_.data.results(job.id),
-        context_.data.checkpoints(job.id),
-        scene->main_sha256,
-        scene->key,
-        job_.enough.get_token(),
-        [this](std::uint64_t bytes, const std::stop_token&) { return reserve(bytes); }};
+    baker::BakeInput input;
+    input.files = scene->files;
+    input.settings = job.settings;
+    input.limits = context_.import_limits;
+    input.output_dir = context_.data.results(job.id);
+    input.checkpoint_dir = context_.data.checkpoints(job.id);
+    input.checkpoint_share = context_.limits.checkpoint_share;
+    input.scene_sha256 = scene->main_sha256;
+    input.scene_key = scene->key;
+    input.enough = job_.enough.get_token();
+    input.reserve_memory = [this](std::uint64_t bytes, const std::stop_token&) {
+      return reserve(bytes);
+    };
     const Timer timer(context_.limits.run, [this] {
       timed_out_ = true;
       job_.stop.request_stop();

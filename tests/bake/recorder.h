@@ -40,6 +40,7 @@ struct Recorder : BakeObserver, Told {
   void on_stage(const std::string& s) override { stages.push_back(s); }
   void on_resume(std::uint32_t n) override { resumed = n; }
   void on_warning(const proto::Warning& w) override {
+    const std::lock_guard lock(mutex);
     if (w.code.starts_with("checkpoint_")) checkpoint_warnings.push_back(w.code);
   }
   void on_pass(const proto::PassReport& p) override {
@@ -70,6 +71,7 @@ inline BakeInput input_for(const TempFolder& folder, const std::string& generato
   in.checkpoint_dir = folder.path() / "checkpoints";
   in.scene_sha256 = "cafe";
   in.scene_key = "beef";
+  in.checkpoint_share = 1;
   fs::create_directories(in.output_dir);
   fs::create_directories(in.checkpoint_dir);
   return in;

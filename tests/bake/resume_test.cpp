@@ -1,5 +1,9 @@
 // A bake that was cut goes on from its checkpoints, and nobody can tell from the result.
+#include <algorithm>
+#include <chrono>
 #include <fstream>
+#include <functional>
+#include <thread>
 
 #include "tests/bake/recorder.h"
 
@@ -83,6 +87,35 @@ TEST_F(Resume, ManyTimesInOneBake) {
   }
   run();
   EXPECT_TRUE(exr() == undisturbed);
+}
+
+// With checkpoints that several passes share, and cuts at moments of their own.
+TEST_F(Resume, WhateverWasToldIsNeverMadeAgain) {
+  const std::size_t passes = run().passes.size();
+  const std::string undisturbed = exr();
+  input_.checkpoint_share = 0.05;
+  for (const double seconds : {0.002, 0.01, 0.02, 0.04}) {
+    forget();
+    std::vector<std::uint32_t> told;
+    bool whole = false;
+    for (int attempt = 0; !whole; ++attempt) {
+      Recorder recorder;
+      std::jthread cut;
+      if (attempt < 6)
+        cut = std::jthread([&] {
+          std::this_thread::sleep_for(std::chrono::duration<double>(seconds * (attempt + 1)));
+          recorder.stop.request_stop();
+        });
+      whole = bake(input_, pool_, recorder.stop.get_token(), recorder).has_value();
+      cut = {};
+      EXPECT_GE(recorder.resumed, told.size()) << "what was told is there";
+      for (const auto& pass : recorder.passes) told.push_back(pass.index);
+    }
+    EXPECT_TRUE(std::ranges::adjacent_find(told, std::ranges::greater_equal()) == told.end());
+    EXPECT_LE(told.size(), passes);
+    EXPECT_EQ(told.back(), passes - 1);
+    EXPECT_TRUE(exr() == undisturbed);
+  }
 }
 
 TEST_F(Resume, CheckpointsOfAnotherBakeAreLeftAlone) {

@@ -41,7 +41,7 @@ TEST_F(Signals, AKilledBakeGoesOnAfterItsLastPassWithTheSameBytes) {
   };
   constexpr int kKills = 4;
   for (int kill = 0; kill < kKills; ++kill) {  // more often than a job without progress may be
-    Program killed(data);
+    Program killed(data, {"--checkpoint-percent", "100"});  // so that a kill finds many passes
     if (kill == 0) id = post_job(killed, scene, kShortBake);
     EventStream stream(killed.port(), id, ids.empty() ? "" : std::to_string(ids.back()));
     ASSERT_TRUE(stream.wait_for("pass.completed"));

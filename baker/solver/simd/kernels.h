@@ -101,8 +101,6 @@ struct TexelGrid {
 /// What look-ups find beside a texel.
 inline constexpr std::uint32_t kHitNothing = 0xffffffffu;  ///< a one-sided surface's back
 inline constexpr std::uint32_t kHitSky = 0xfffffffeu;
-/// Marks a texel that remembers no hits, in place of its first one.
-inline constexpr std::uint32_t kHitNone = 0xfffffffcu;
 inline constexpr std::uint32_t kHitUnclear = 0xfffffffdu;  ///< for TexelLookup::pick to decide
 
 /// From sixteen hits to the texels that hold their light: one of the four around each, picked with

@@ -1,0 +1,106 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "baker/solver/lightmap.h"
+#include "baker/solver/solver.h"
+#include "proto/expected.h"
+#include "proto/manifest.h"
+
+namespace kiln::baker {
+
+/// Writes the checkpoints of one bake from a thread of its own while the next passes run, and tells
+/// which passes are durable. A pass counts as finished once it is: until then a bake that is cut
+/// makes it again, afterwards never.
+///
+/// Short passes share a checkpoint: one is written when the passes since the last one have taken so
+/// long that writing keeps to its share of the processors' time. When that is, is a matter of
+/// clocks; what a bake gives after any of them is not.
+///
+/// Used by one thread. What it tells comes from its own thread, one at a time, in order.
+class CheckpointWriter {
+ public:
+  struct Options {
+    std::filesystem::path dir;  ///< empty: nothing is written, and every pass is finished at once
+    std::string key;            ///< see write_checkpoint()
+    /// Of the processors' time that checkpoints may take. 1 or more: each pass has its own, and the
+    /// next one waits for it.
+    double share = 0.05;
+    unsigned threads = 1;  ///< that the passes run on
+    std::stop_token stop;  ///< ends the writing within a second; what is not durable then never is
+  };
+  struct Listener {
+    std::function<void(const proto::PassReport&)> on_durable;
+    /// Once. The passes go on without checkpoints, and count as finished all the same.
+    std::function<void(const proto::Error&)> on_failed;
+  };
+
+  /// @param known passes that are durable already
+  CheckpointWriter(Options, Listener, std::size_t known);
+  ~CheckpointWriter();  ///< what is not being written is dropped
+  CheckpointWriter(const CheckpointWriter&) = delete;
+  CheckpointWriter& operator=(const CheckpointWriter&) = delete;
+
+  /// Before a pass: release_state() where the pass will change it. Waits where large light of an
+  /// earlier pass than the last is still being written.
+  void before(const Pass&);
+  /// After a pass: the light after `passes`, and the solver's state, which stays as it is until
+  /// before() of a pass that fills or completes it.
+  void offer(const Pass&, std::span<const proto::PassReport> passes,
+             std::shared_ptr<const Lightmap>, std::span<const std::byte> state);
+  /// Writes what was offered as soon as may be; waits only while that reads the solver's state.
+  void hurry();
+  /// From here on the solver's state is not read: waits where it is being written, and drops what
+  /// waits to be written with it.
+  void release_state();
+  /// Waits until all passes are durable, and the listener has been told. False when stopped.
+  bool flush();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Offer {
+    std::vector<proto::PassReport> passes;
+    std::shared_ptr<const Lightmap> light;
+    std::span<const std::byte> state;  ///< empty: none is needed, or it is on the disk
+  };
+
+  void loop(const std::stop_token&);
+  bool is_due() const;            ///< needs mutex_
+  Clock::time_point due() const;  ///< needs mutex_
+  bool reads_state() const;       ///< now or later; needs mutex_
+  void take_over_bug();           ///< throws it; needs mutex_
+  bool write(const Offer&);
+  void tell(std::span<const proto::PassReport>);
+
+  const Options options_;
+  const Listener listener_;
+  std::size_t told_;  ///< passes; of the thread that writes
+
+  std::mutex mutex_;  ///< guards what follows
+  std::condition_variable_any changed_;
+  std::optional<Offer> waiting_;
+  bool writing_ = false, writing_state_ = false;
+  bool hurried_ = false, failed_ = false;
+  bool state_on_disk_ = false;
+  std::exception_ptr bug_;  ///< of the listener, for the next call
+  Clock::time_point last_ = Clock::now();
+  double seconds_ = 0, bytes_ = 0;  ///< of processor time, for what has been written
+
+  std::jthread thread_;  ///< last: it uses the others
+};
+
+}  // namespace kiln::baker

@@ -1,0 +1,169 @@
+// Which passes count as finished, and when: once a checkpoint holds them, and not before.
+#include "baker/solver/checkpoint_writer.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <numeric>
+
+#include "baker/solver/checkpoint.h"
+#include "tests/support/temp_files.h"
+
+namespace kiln::baker::test {
+namespace {
+
+constexpr std::uint32_t kTexels = 8;
+constexpr double kNever = 1e-12;  ///< share: not before somebody waits
+
+/// A solver of as many passes as asked for; the first `filling` of them leave a state.
+class Passes final : public Solver {
+ public:
+  explicit Passes(std::uint32_t filling = 0) : filling_(filling) {}
+  static Pass pass(std::uint32_t index, bool fills = false) {
+    Pass p;
+    p.name = "p";
+    p.index = index;
+    p.fills_state = fills;
+    return p;
+  }
+  std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
+    const auto index = std::uint32_t(done.size());
+    return pass(index, index < filling_);
+  }
+  std::uint32_t max_passes() const override { return 100; }
+  double total_work() const override { return 1; }
+  bool begin(const Pass&, const Lightmap&, Lightmap&, const Workers&) override { return true; }
+  std::uint64_t run(const Pass&, const Lightmap&, TexelRange, Lightmap&) override { return 0; }
+  std::span<std::byte> state() override { return state_; }
+  std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) override { return {}; }
+
+ private:
+  std::uint32_t filling_;
+  std::vector<std::byte> state_ = std::vector<std::byte>(64);
+};
+
+class Writing : public ::testing::Test {
+ protected:
+  kiln::test::TempFolder folder_;
+  std::stop_source stop_;
+  Passes solver_{2};
+  std::vector<proto::PassReport> passes_;
+  std::vector<std::uint32_t> told_;
+  std::vector<std::size_t> on_disk_;  ///< passes that were, each time one was told
+  std::vector<std::string> failures_;
+  std::optional<CheckpointWriter> writer_;
+
+  void start(double share) {
+    CheckpointWriter::Options options;
+    options.dir = folder_.path();
+    options.key = "key";
+    options.share = share;
+    options.stop = stop_.get_token();
+    writer_.emplace(
+        options,
+        CheckpointWriter::Listener{[this](const proto::PassReport& p) {
+                                     told_.push_back(p.index);
+                                     on_disk_.push_back(passes_on_disk());
+                                   },
+                                   [this](const proto::Error& e) { failures_.push_back(e.code); }},
+        0);
+  }
+  std::size_t passes_on_disk() const {
+    Passes fresh(2);
+    const auto start = read_checkpoint(folder_.path(), "key", fresh, kTexels);
+    return start && *start ? (*start)->passes.size() : 0;
+  }
+  void offer(bool fills = false) {
+    proto::PassReport report;
+    report.name = "p";
+    report.index = std::uint32_t(passes_.size());
+    const Pass pass = Passes::pass(report.index, fills);
+    writer_->before(pass);
+    passes_.push_back(report);
+    writer_->offer(pass, passes_, std::make_shared<Lightmap>(kTexels), solver_.state());
+  }
+  static std::vector<std::uint32_t> first(std::uint32_t n) {
+    std::vector<std::uint32_t> all(n);
+    std::iota(all.begin(), all.end(), 0u);
+    return all;
+  }
+};
+
+TEST_F(Writing, ShortPassesShareACheckpointAndAreToldInOrder) {
+  start(kNever);
+  offer(true), offer(true);
+  for (int i = 0; i < 5; ++i) offer();
+  EXPECT_EQ(passes_on_disk(), 0u);
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(told_, first(7));
+  EXPECT_EQ(on_disk_, std::vector<std::size_t>(7, 7)) << "a pass was told before it was durable";
+}
+
+TEST_F(Writing, EachPassHasItsOwnWhenTheyMayTakeAllTheTime) {
+  start(1);
+  offer(true), offer(true), offer(), offer();
+  EXPECT_EQ(told_, first(4)) << "offer() waits";
+  EXPECT_EQ(on_disk_, (std::vector<std::size_t>{1, 2, 3, 4}));
+}
+
+TEST_F(Writing, APassIsWrittenWhileTheNextOneRuns) {
+  start(0.5);
+  offer(true), offer(true), offer();
+  const auto late = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+  while (passes_on_disk() < 3 && std::chrono::steady_clock::now() < late)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_EQ(passes_on_disk(), 3u);
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(told_, first(3));
+}
+
+TEST_F(Writing, StateThatAPassWillChangeIsNotReadAnyMore) {
+  start(kNever);
+  offer(true);
+  writer_->release_state();
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(passes_on_disk(), 0u) << "what waited for the state was dropped";
+  offer(true);
+  std::ranges::fill(solver_.state(), std::byte{7});
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(told_, first(2));
+  Passes fresh(2);
+  ASSERT_TRUE(read_checkpoint(folder_.path(), "key", fresh, kTexels));
+  EXPECT_EQ(fresh.state()[0], std::byte{7});
+}
+
+TEST_F(Writing, NothingIsToldAfterAStop) {
+  start(kNever);
+  offer(true), offer(true);
+  stop_.request_stop();
+  EXPECT_FALSE(writer_->flush());
+  writer_.reset();
+  EXPECT_TRUE(told_.empty());
+  EXPECT_EQ(passes_on_disk(), 0u);
+}
+
+TEST_F(Writing, AFolderThatIsGoneIsToldOnceAndThePassesCount) {
+  start(kNever);
+  offer(true), offer(true);
+  std::filesystem::remove_all(folder_.path());
+  EXPECT_TRUE(writer_->flush());
+  offer(), offer();
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(told_, first(4));
+  EXPECT_EQ(failures_.size(), 1u);
+}
+
+TEST_F(Writing, WhatTheListenerThrowsReachesTheBake) {
+  CheckpointWriter::Options options;
+  options.dir = folder_.path();
+  options.key = "key";
+  writer_.emplace(
+      options,
+      CheckpointWriter::Listener{[](const proto::PassReport&) { throw std::bad_alloc(); }, {}}, 0);
+  offer(true), offer(true);
+  EXPECT_THROW(writer_->flush(), std::bad_alloc);
+}
+
+}  // namespace
+}  // namespace kiln::baker::test
