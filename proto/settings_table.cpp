@@ -138,7 +138,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .nullable = true, .unit = "samples/texel",
-           .description = "Shadow rays of every texel towards area lights (gather). null: as many as "
+           .description = "Shadow rays of every texel towards area lights, at most (gather): where the "
+                          "first quarter agrees over 16 texels, no more follow. null: as many as "
                           "target_error asks for."}),
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
@@ -190,7 +191,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A. raw: the "
                           "irradiance before the filter. standard_error: of its luminance, lx: R all, "
                           "G of direct, B of sky and indirect light. samples: R directions, G shadow "
-                          "rays, B 0."}),
+                          "rays at most, B 0."}),
       row<[](auto& s) -> auto& { return s.output.formats; }>(
           {.path = "output.formats", .kind = kChoices, .choices = {"exr", "png", "glb"},
            .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "

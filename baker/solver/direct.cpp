@@ -1,5 +1,7 @@
 #include "baker/solver/direct.h"
 
+#include <array>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -114,16 +116,23 @@ Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, st
   return shadows.take_estimate();
 }
 
+/// A texel that is lit.
+struct Receiver {
+  std::uint32_t texel = 0, seed = 0;
+  Footprint at;
+};
+
 /// Many lights: the texels of a tile choose among them alike.
 class ManyLights {
  public:
   explicit ManyLights(const SolverInput& in) : in_(in), lamp_(in), choice_(in.lights.table()) {}
 
-  Estimate arrive(std::uint32_t texel, const Footprint& at, std::uint32_t first,
-                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
-    if (texel % kTileTexels == 0)
-      start_tile({texel, std::min(texel + kTileTexels, in_.texels.size())});
-    return sampled_light(in_, at, LightChoice::Walk(choice_), first, count, seed, shadows);
+  void light(std::span<const Receiver> tile, std::uint32_t first, std::uint32_t count,
+             ShadowBatch& shadows, std::span<Estimate> arrived) {
+    start_tile({tile.front().texel, tile.back().texel + 1});
+    for (std::size_t i = 0; i < tile.size(); ++i)
+      arrived[i] += sampled_light(in_, tile[i].at, LightChoice::Walk(choice_), first, count,
+                                  tile[i].seed, shadows);
   }
   static std::uint64_t traced() { return 0; }  ///< beside the batch's
 
@@ -167,61 +176,93 @@ class ManyLights {
 /// others share what is left.
 class FewLights {
  public:
-  explicit FewLights(const SolverInput& in)
-      : in_(in), lamp_(in), views_(in.lights.area().size()), share_(views_.size()) {}
+  explicit FewLights(const SolverInput& in) : in_(in), lamp_(in) {
+    for (auto& views : views_) views.resize(in.lights.area().size());
+    for (auto& share : share_) share.resize(in.lights.area().size());
+  }
 
-  Estimate arrive(std::uint32_t /*texel*/, const Footprint& at, std::uint32_t first,
-                  std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
-    const PointFrames frames = at.frames();
+  void light(std::span<const Receiver> tile, std::uint32_t first, std::uint32_t count,
+             ShadowBatch& shadows, std::span<Estimate> arrived) {
     const auto& lights = in_.lights.area();
-    float total = 0;
-    for (std::size_t l = 0; l < lights.size(); ++l) {
-      views_[l] = lamp_.view(lights[l], at, frames);
-      total += share_[l] = luminance(lights[l].radiance) * views_[l].mean;
+    for (std::size_t i = 0; i < tile.size(); ++i) {
+      frames_[i] = tile[i].at.frames();
+      weigh(tile[i], i);
     }
-    Estimate sum;
-    if (!(total > 0)) return sum;
-    float rest = 0;
-    for (std::size_t l = 0; l < lights.size(); ++l) {
-      const float share = share_[l] / total;
-      if (lights[l].is_uniform() && share * float(count) / Footprint::kPoints >= kLampPackets) {
-        sum += arrive_from(l, share, at, frames, first, count, seed);
-        share_[l] = 0;
-      }
-      rest += share_[l];
-    }
-    if (!(rest > 0)) return sum;
-    for (float& share : share_) share /= rest;
-    const auto part = [&](std::uint32_t n) {
-      return std::uint32_t(std::ceil(float(n) * (rest / total)));
-    };
-    return sum +=
-           sampled_light(in_, at, ShareWalk(share_), part(first), part(count), seed, shadows);
+    for (std::uint32_t l = 0; l < lights.size(); ++l)
+      if (lights[l].is_uniform()) light_by(l, tile, first, count, arrived);
+    for (std::size_t i = 0; i < tile.size(); ++i)
+      light_by_rest(tile[i], share_[i], first, count, shadows, arrived[i]);
   }
   std::uint64_t traced() const { return traced_; }
 
  private:
   /// Packets of samples that a light must earn to be a lamp.
   static constexpr float kLampPackets = 0.75f;
+  /// So many of its packets are sent at first.
+  static constexpr std::uint32_t kProbeShare = 4;
 
-  /// A lamp's packets are a run of its own sequence: those between its shares of the samples before
-  /// and after, so that rounds neither repeat nor leave out any.
-  Estimate arrive_from(std::size_t l, float share, const Footprint& at, const PointFrames& frames,
-                       std::uint32_t first, std::uint32_t count, std::uint32_t seed) {
-    const auto packets = [&](std::uint32_t samples) {
-      return std::uint32_t(std::lround(float(samples) / Footprint::kPoints * share));
-    };
-    const std::uint32_t begin = packets(first), end = std::max(packets(first + count), begin + 1);
+  /// The share of every light in what the receiver would get if nothing stood between.
+  void weigh(const Receiver& to, std::size_t i) {
+    const auto& lights = in_.lights.area();
+    float total = 0;
+    for (std::size_t l = 0; l < lights.size(); ++l) {
+      views_[i][l] = lamp_.view(lights[l], to.at, frames_[i]);
+      total += share_[i][l] = luminance(lights[l].radiance) * views_[i][l].mean;
+    }
+    for (float& share : share_[i]) share = total > 0 ? share / total : 0;
+  }
+
+  /// Where the first rays from all texels of the tile agree, all of them lit or all in the dark, no
+  /// more are sent: a half-shadow that small holds little light, and there are more rays to find it
+  /// the more are asked for. A lamp's packets are a run of its own sequence: those between its
+  /// shares of the samples before and after, so that rounds neither repeat nor leave out any.
+  void light_by(std::uint32_t l, std::span<const Receiver> tile, std::uint32_t first,
+                std::uint32_t count, std::span<Estimate> arrived) {
     const AreaLight& light = in_.lights.area()[l];
-    const LampLight::Arrived a = lamp_.arrive(light, views_[l], at, frames, begin, end - begin,
-                                              hash(seed, std::uint32_t(l)), traced_);
-    return {light.radiance * a.irradiance, luminance(light.radiance) * a.spread};
+    std::vector<LampLight::Shadow>& shadows = shadows_;
+    std::array<std::size_t, kTileTexels> of{};
+    shadows.clear();
+    bool lit = false, blocked = false;
+    for (std::size_t i = 0; i < tile.size(); ++i) {
+      float& share = share_[i][l];
+      if (!(share * float(count) / Footprint::kPoints >= kLampPackets)) continue;
+      const auto packets = [&](std::uint32_t samples) {
+        return std::uint32_t(std::lround(float(samples) / Footprint::kPoints * share));
+      };
+      const std::uint32_t begin = packets(first), end = std::max(packets(first + count), begin + 1);
+      of[shadows.size()] = i;
+      LampLight::Shadow& s =
+          shadows.emplace_back(lamp_, light, views_[i][l], tile[i].at, frames_[i], begin,
+                               end - begin, hash(tile[i].seed, l));
+      traced_ += s.send_until((s.packets() + kProbeShare - 1) / kProbeShare);
+      lit = lit || s.lit(), blocked = blocked || s.blocked();
+      share = 0;
+    }
+    for (std::size_t k = 0; k < shadows.size(); ++k) {
+      if (lit && blocked) traced_ += shadows[k].send_until(shadows[k].packets());
+      const LampLight::Arrived a = shadows[k].arrived();
+      arrived[of[k]] +=
+          Estimate{light.radiance * a.irradiance, luminance(light.radiance) * a.spread};
+    }
+  }
+
+  /// By the lights that were no lamps to the receiver.
+  void light_by_rest(const Receiver& to, std::span<float> share, std::uint32_t first,
+                     std::uint32_t count, ShadowBatch& shadows, Estimate& arrived) {
+    const float rest = std::accumulate(share.begin(), share.end(), 0.f);
+    if (!(rest > 0)) return;
+    for (float& s : share) s /= rest;
+    const auto part = [&](std::uint32_t n) { return std::uint32_t(std::ceil(float(n) * rest)); };
+    arrived +=
+        sampled_light(in_, to.at, ShareWalk(share), part(first), part(count), to.seed, shadows);
   }
 
   const SolverInput& in_;
   const LampLight lamp_;
-  std::vector<LampLight::View> views_;
-  std::vector<float> share_;
+  std::array<PointFrames, kTileTexels> frames_;
+  std::array<std::vector<LampLight::View>, kTileTexels> views_;
+  std::array<std::vector<float>, kTileTexels> share_;
+  std::vector<LampLight::Shadow> shadows_;
   std::uint64_t traced_ = 0;
 };
 
@@ -230,12 +271,16 @@ template <class AreaLights>
 std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelRange range,
                            std::uint32_t first, std::uint32_t count, const DirectLight::Put& put) {
   ShadowBatch shadows(in.rays);
-  for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    const Footprint at(in, t);
-    const std::uint32_t seed = texel_seed(in, t, Purpose::kDirect);
-    Estimate e{punctual_light(in, at, shadows)};
-    if (!in.lights.area().empty()) e += area_lights.arrive(t, at, first, count, seed, shadows);
-    put(t, e);
+  std::vector<Receiver> tile;
+  std::array<Estimate, kTileTexels> arrived;
+  for (std::uint32_t begin = range.begin; begin < range.end; begin += kTileTexels) {
+    tile.clear();
+    for (std::uint32_t t = begin; t < std::min(begin + kTileTexels, range.end); ++t) {
+      tile.push_back({t, texel_seed(in, t, Purpose::kDirect), Footprint(in, t)});
+      arrived[t - begin] = Estimate{punctual_light(in, tile.back().at, shadows)};
+    }
+    if (!in.lights.area().empty()) area_lights.light(tile, first, count, shadows, arrived);
+    for (const Receiver& r : tile) put(r.texel, arrived[r.texel - begin]);
   }
   return shadows.traced() + area_lights.traced();
 }

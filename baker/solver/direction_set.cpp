@@ -55,7 +55,21 @@ DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted)
   }
   x.resize((n + 15) / 16 * 16);
   y.resize(x.size());
-  for (std::uint32_t i = 0; i < n; ++i) first_half_ += !in_second_half(i);
+  count_halves();
+}
+
+void DirectionSet::count_halves() {
+  first_half_ = 0;
+  for (std::uint32_t i = 0; i < count; ++i) first_half_ += !in_second_half(i);
+}
+
+DirectionSet DirectionSet::leading(std::uint32_t n) const {
+  DirectionSet some = *this;
+  some.count = n;
+  some.x.resize((n + 15) / 16 * 16);
+  some.y.resize(some.x.size());
+  some.count_halves();
+  return some;
 }
 
 Estimate DirectionSet::estimate(Rgb first_sum, Rgb second_sum) const {

@@ -20,6 +20,9 @@ struct DirectionSet {
   /// @param sorted puts directions near to each other into one packet, where they are many enough
   DirectionSet(std::uint32_t first, std::uint32_t count, bool sorted);
   std::uint32_t size() const { return count; }
+  /// The first `n` directions of the order: of a net that is a power of two times as long, two
+  /// nets. Not of a coherent set, whose packets are each a part of the hemisphere.
+  DirectionSet leading(std::uint32_t n) const;
 
   /// Each half of a net's packets makes half of the net. Which half a direction belongs to:
   bool in_second_half(std::uint32_t i) const {
@@ -29,6 +32,8 @@ struct DirectionSet {
   Estimate estimate(Rgb first_sum, Rgb second_sum) const;
 
  private:
+  void count_halves();
+
   std::uint32_t first_half_ = 0;  ///< directions in the first half
 };
 

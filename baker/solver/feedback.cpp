@@ -32,7 +32,8 @@ bool Feedback::read(const Lightmap& light, const Workers& workers) {
       // E is the mean over the footprint; rays from outside meet its visible part only.
       const float visible = light.validity[t];
       const Rgb b = in_.texels.albedo[t] * light.irradiance(t) *
-                    (visible >= kHiddenShare ? 1 / visible : 1.f);
+                        (visible >= kHiddenShare ? 1 / visible : 1.f) -
+                    light.radiosity[t];
       radiosity_[t] = {b.r, b.g, b.b, 0};
     }
   });
@@ -46,13 +47,8 @@ bool Feedback::read(const Lightmap& light, const Workers& workers) {
   return true;
 }
 
-void Feedback::extrapolate(const Plane<Rgb>& earlier, float scale) {
-  for (std::uint32_t t = 0; t < radiosity_.size(); ++t) {
-    Radiosity& b = radiosity_[t];
-    b.r += scale * (b.r - earlier[t].r);
-    b.g += scale * (b.g - earlier[t].g);
-    b.b += scale * (b.b - earlier[t].b);
-  }
+void Feedback::scale(float factor) {
+  for (Radiosity& b : radiosity_) b.r *= factor, b.g *= factor, b.b *= factor;
 }
 
 void Feedback::restore(const Plane<Rgb>& radiosity) {

@@ -12,8 +12,8 @@
 
 namespace kiln::baker {
 
-/// The radiosity that gathering rays read at what they meet: the lightmap of the pass before times
-/// the albedo, mended where texels lie hidden.
+/// The radiosity that gathering rays read at what they meet: light times albedo, mended where
+/// texels lie hidden. Light is linear: a bounce reads only what the one before it has changed.
 class Feedback {
  public:
   explicit Feedback(const SolverInput& in) : in_(in) {}
@@ -22,11 +22,11 @@ class Feedback {
   void find_hidden(const Lightmap&);
   bool knows_hidden() const { return knows_hidden_; }
 
-  /// Takes B from the light. [RTRad 5.4] False when stopped.
+  /// Takes from the light what B has grown by since Lightmap::radiosity. [RTRad 5.4] False when
+  /// stopped.
   bool read(const Lightmap&, const Workers&);
-  /// B becomes B + scale * (B - earlier): what the series of bounces tends to, if each update is
-  /// the same share of the one before it.
-  void extrapolate(const Plane<Rgb>& earlier, float scale);
+  /// Times so much: for an update that stands for those after it, too.
+  void scale(float);
   /// Takes over what a feedback held before.
   void restore(const Plane<Rgb>& radiosity);
   /// Gives its memory back, until the next read() or restore().

@@ -2,9 +2,11 @@
 
 #include <array>
 #include <bit>
+#include <cmath>
 #include <map>
 #include <utility>
 
+#include "baker/solver/bounce_plan.h"
 #include "baker/solver/coarse_sites.h"
 #include "baker/solver/direct.h"
 #include "baker/solver/feedback.h"
@@ -19,7 +21,7 @@ namespace {
 /// Fewest directions that feed the bounces.
 constexpr std::uint32_t kMinFeedbackSamples = 16;
 /// Bounces after which most scenes have converged; for the estimate of progress only.
-constexpr double kTypicalBounces = 10;
+constexpr std::uint32_t kTypicalBounces = 10;
 
 class GatherSolver final : public Solver {
  public:
@@ -32,6 +34,7 @@ class GatherSolver final : public Solver {
         hemisphere_(in_, packets_),
         feedback_(in_),
         set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
+        bounces_(in_.settings, set_, first_bounce()),
         rounds_(in_, set_.size()),
         needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
     if (needs_rays_) hits_ = HitMemory(in.texels.size(), set_.size());
@@ -45,7 +48,10 @@ class GatherSolver final : public Solver {
     double work = direct_work() + rounds_.expected_work() + work::kFilter;
     if (!needs_rays_) return work;
     work += trace_work() + (plan_.coarse ? refine_work() : 0);
-    return work + std::min<double>(kTypicalBounces, in_.settings.bounces) * look_up_work();
+    const std::uint32_t bounces = std::min(kTypicalBounces, in_.settings.bounces);
+    for (std::uint32_t b = 0; b < bounces; ++b)
+      work += look_up_work(bounces_.directions_for(std::pow(0.5, b)));
+    return work;
   }
 
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override;
@@ -74,19 +80,19 @@ class GatherSolver final : public Solver {
 
   /// Passes before the first bounce.
   std::uint32_t first_bounce() const { return plan_.coarse ? 3 : 2; }
-  std::uint32_t bounces_in(std::span<const proto::PassReport> done) const {
-    return static_cast<std::uint32_t>(done.size()) - first_bounce();
-  }
   void plan_bounce(std::span<const proto::PassReport> done, Pass& pass) const;
 
   double direct_work() const {
-    return double(in_.lights.area().empty() ? 0 : plan_.shadow_rays) +
+    constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
+    return kSent * double(in_.lights.area().empty() ? 0 : plan_.shadow_rays) +
            double(in_.lights.punctual().size() * TextureGroup::kPointsPerTexel);
   }
   /// Every fourth texel is a site, and charts are edged by texels without sites around them.
   double trace_work() const { return work::kDirection * set_.size() * (plan_.coarse ? 0.35 : 1); }
   double refine_work() const { return work::kDirection * set_.size() * 0.1; }
-  double look_up_work() const { return work::kTexel + work::kLookUp * trace_work(); }
+  double look_up_work(std::uint32_t directions) const {
+    return work::kTexel + work::kLookUp * trace_work() * directions / set_.size();
+  }
 
   static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
     const std::uint32_t wanted = in.plan.directions;
@@ -105,9 +111,6 @@ class GatherSolver final : public Solver {
     return set.estimate(in_.scene.sky * open[0], in_.scene.sky * open[1]);
   }
 
-  void look_up_texel(std::uint32_t t, Lightmap& after) {
-    put(feedback_.look_up(set_, hits_.of(t)), after.indirect[t], after.indirect_spread[t]);
-  }
   static void put(const Estimate& e, Rgb& mean, float& spread) { mean = e.mean, spread = e.spread; }
   void own_planes(const Pass& pass, Lightmap& after) const;
 
@@ -125,7 +128,7 @@ class GatherSolver final : public Solver {
   std::uint64_t trace_some(TexelRange tile, Lightmap& after, const Wanted&);
   std::uint64_t trace(TexelRange range, Lightmap& after);
   std::uint64_t refine(TexelRange range, const Lightmap& before, Lightmap& after);
-  void bounce(TexelRange range, Lightmap& after);
+  void bounce(const Pass&, const Lightmap& before, TexelRange range, Lightmap& after);
   std::uint64_t add_samples(TexelRange range, Lightmap& light);
   std::uint64_t add_shadow_rays(TexelRange tile, Lightmap& light);
   std::uint64_t add_directions(TexelRange tile, const DirectionSet&, Lightmap& light);
@@ -139,8 +142,10 @@ class GatherSolver final : public Solver {
   const Hemisphere hemisphere_;
   Feedback feedback_;
   const DirectionSet set_;  ///< of the rays whose hits are remembered
+  const BouncePlan bounces_;
   SampleRounds rounds_;
-  std::map<std::uint32_t, DirectionSet> more_;  ///< those of a round, by the samples before them
+  std::map<std::uint32_t, DirectionSet> leading_;  ///< of those that a bounce reads, by their count
+  std::map<std::uint32_t, DirectionSet> more_;     ///< those of a round, by the samples before them
   bool needs_rays_;
   HitMemory hits_;
 };
@@ -148,7 +153,6 @@ class GatherSolver final : public Solver {
 std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) const {
   Pass pass;
   pass.index = static_cast<std::uint32_t>(done.size());
-  const std::uint32_t limit = in_.settings.bounces;
   if (done.empty()) {
     pass.name = kDirect;
     pass.completes = !needs_rays_;
@@ -158,15 +162,15 @@ std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) 
   if (needs_rays_ && done.size() < first_bounce()) {
     pass.name = done.size() == 1 ? kTrace : kRefine;
     pass.fills_state = true;
-    pass.completes = limit == 0 && done.size() + 1 == first_bounce();
+    pass.completes = bounces_.limit() == 0 && done.size() + 1 == first_bounce();
     pass.work =
         (done.size() == 1 ? trace_work() : refine_work()) + (pass.completes ? work::kFilter : 0);
     return pass;
   }
   // The passes that bring new light come first, those that only add samples follow.
   const std::string& last = done.back().name;
-  const bool complete = !needs_rays_ || last == kTail || last == kRound ||
-                        std::uint32_t(done.size()) - first_bounce() == limit;
+  const bool complete =
+      !needs_rays_ || last == kTail || last == kRound || bounces_.is_complete(done);
   if (!complete) {
     plan_bounce(done, pass);
     return pass;
@@ -178,28 +182,15 @@ std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) 
   return pass;
 }
 
-/// Another bounce; the last one of them when it, and all that would follow, changes less than the
-/// tolerance. The updates form a geometric series whose ratio the last two tell, so the last one
-/// stands for all that are left out.
+/// Another bounce of what the one before has changed.
 void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pass) const {
-  const std::uint32_t bounces = bounces_in(done), limit = in_.settings.bounces;
-  pass.name = kBounce;
-  pass.work = look_up_work();
+  const BouncePlan::Bounce bounce = bounces_.next(done);
+  pass.name = bounce.stands_for_others ? kTail : kBounce;
   pass.batch_texels = 4096;
-  pass.completes = bounces + 1 == limit;
-  if (pass.completes) pass.work += work::kFilter;
-  if (bounces == 0 || pass.completes) return;
-  const auto update = [](const proto::PassReport& p) { return p.residual * p.mean_lx; };
-  const double residual = done.back().residual;
-  double ratio = bounces > 1 ? update(done.back()) / update(done[done.size() - 2]) : 1;
-  if (!(ratio > 0) || !(ratio < 1)) ratio = 0;
-  const bool converged = bounces > 1 && ratio > 0 ? residual * ratio <= in_.settings.tolerance
-                                                  : residual <= in_.settings.tolerance;
-  if (!converged) return;
-  pass.name = kTail;
-  pass.completes = true;
-  pass.work += work::kFilter;
-  pass.tail_scale = ratio * (1 - std::pow(ratio, limit - bounces - 1)) / (1 - ratio);
+  pass.completes = bounce.last;
+  pass.tail_scale = bounce.tail_scale;
+  pass.sample_count = bounce.directions;
+  pass.work = look_up_work(pass.sample_count) + (pass.completes ? work::kFilter : 0);
 }
 
 /// Makes those planes the pass's own that it changes.
@@ -220,7 +211,8 @@ bool GatherSolver::begin(const Pass& pass, const Lightmap& before, Lightmap& aft
   if (bounces && !feedback_.knows_hidden()) feedback_.find_hidden(before);
   if ((bounces || (pass.name == kTrace && plan_.coarse)) && !feedback_.read(before, workers))
     return false;
-  if (pass.name == kTail) feedback_.extrapolate(before.radiosity, float(pass.tail_scale));
+  if (pass.name == kTail) feedback_.scale(1 + float(pass.tail_scale));
+  if (bounces) leading_.try_emplace(pass.sample_count, set_.leading(pass.sample_count));
   if (pass.name == kRound && !begin_round(before, workers)) return false;
   own_planes(pass, after);
   return true;
@@ -249,7 +241,7 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
       put(e, after.direct[t], after.direct_spread[t]);
     });
   }
-  bounce(range, after);
+  bounce(pass, before, range, after);
   return 0;
 }
 
@@ -280,7 +272,8 @@ std::uint64_t GatherSolver::trace(TexelRange range, Lightmap& after) {
     // The first bounce of direct light, for refine() to compare the sites by.
     if (plan_.coarse && in_.settings.bounces > 0)
       for (std::uint32_t t = tile.begin; t < tile.end; ++t)
-        if (after.gathers[t]) look_up_texel(t, after);
+        if (after.gathers[t])
+          put(feedback_.look_up(set_, hits_.of(t)), after.indirect[t], after.indirect_spread[t]);
     return rays;
   });
 }
@@ -313,10 +306,16 @@ std::uint64_t GatherSolver::refine(TexelRange range, const Lightmap& before, Lig
   });
 }
 
-void GatherSolver::bounce(TexelRange range, Lightmap& after) {
+void GatherSolver::bounce(const Pass& pass, const Lightmap& before, TexelRange range,
+                          Lightmap& after) {
+  const DirectionSet& set = leading_.at(pass.sample_count);
   for (std::uint32_t t = range.begin; t < range.end; ++t) {
-    if (std::as_const(after.gathers)[t]) look_up_texel(t, after);
-    after.radiosity[t] = feedback_.radiosity(t);
+    if (before.gathers[t]) {
+      const Estimate update = feedback_.look_up(set, hits_.of(t).first(set.size()));
+      after.indirect[t] += update.mean;
+      after.indirect_spread[t] += update.spread;
+    }
+    after.radiosity[t] = before.radiosity[t] + feedback_.radiosity(t);
   }
 }
 

@@ -30,19 +30,49 @@ class LampLight {
   struct Arrived {
     float irradiance = 0, spread = 0;
   };
-  /// @param first packets that were sent before, of the same sequence
-  /// @param packets one shadow ray from each point; at least 1
-  /// @param traced receives the rays, added
-  Arrived arrive(const AreaLight&, const View&, const Footprint&, const PointFrames&,
-                 std::uint32_t first, std::uint32_t packets, std::uint32_t seed,
-                 std::uint64_t& traced) const;
+  class Shadow;
 
  private:
-  void near_rays(const AreaLight&, const Footprint&, const std::uint32_t* x, const std::uint32_t* y,
-                 std::uint32_t flip, std::uint32_t seed, LightRays&) const;
-
   const SolverInput& in_;
   const Kernels& kernels_;
+};
+
+/// The shadow rays of one texel to one lamp. Outlived by what it is made of.
+class LampLight::Shadow {
+ public:
+  /// @param first packets that were sent before, of the same sequence
+  /// @param packets one shadow ray from each point; at least 1
+  Shadow(const LampLight&, const AreaLight&, const View&, const Footprint&, const PointFrames&,
+         std::uint32_t first, std::uint32_t packets, std::uint32_t seed);
+
+  std::uint32_t packets() const { return packets_; }
+  /// Sends the packets up to the `end`th. @return rays traced
+  std::uint64_t send_until(std::uint32_t end);
+  /// Whether any ray has arrived, or met something.
+  bool lit() const { return lit_; }
+  bool blocked() const { return blocked_; }
+  /// By the packets sent.
+  Arrived arrived() const;
+
+ private:
+  struct Sums {
+    float sent = 0, arrived = 0, rays = 0;
+  };
+  void take_samples();
+  void near_rays(LightRays&) const;
+  void add(const RayPacket&, const LightRays&, std::uint32_t blocked);
+  float irradiance(const Sums&) const;
+
+  const LampLight& all_;
+  const AreaLight& light_;
+  const View& view_;
+  const Footprint& at_;
+  const PointFrames& frames_;
+  std::uint32_t first_, packets_, seed_, flip_, next_ = 0;
+  bool near_, lit_ = false, blocked_ = false;
+  std::uint32_t x_[Footprint::kPoints], y_[Footprint::kPoints];  ///< of packet next_
+  std::uint32_t second_ = 0;  ///< bits of its points whose ray belongs to the second half
+  Sums half_[2];
 };
 
 }  // namespace kiln::baker

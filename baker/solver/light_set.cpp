@@ -7,7 +7,7 @@
 namespace kiln::baker {
 namespace {
 
-/// A light whose longest edge is above this share of its distance is sampled by solid angle.
+/// A light whose longest edge is more than so many times its distance is sampled by solid angle.
 constexpr float kNearRatio = 1;
 /// A uniform direction to what `from` sees of the light.
 struct SphericalLight {
@@ -56,8 +56,8 @@ LightSet::LightSet(const Scene& scene)
       power_share_(power_shares(area_)),
       table_(area_, power_share_) {}
 
-bool LightSet::is_near(const AreaLight& l, Vec3 from) {
-  return l.longest_edge_m > kNearRatio * length(l.centre() - from);
+bool LightSet::is_near(const AreaLight& l, Vec3 from, float ratio) {
+  return l.longest_edge_m > ratio * length(l.centre() - from);
 }
 
 LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
@@ -66,7 +66,7 @@ LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
   if (!l.shows_to(height)) return s;
   Vec3 point;         // of the light
   float density = 0;  // per steradian
-  if (is_near(l, from)) {
+  if (is_near(l, from, kNearRatio)) {
     const SphericalLight seen(l, from);
     if (!(seen.solid_angle > 0)) return s;
     s.direction = seen.sample(u);

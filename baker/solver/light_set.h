@@ -42,8 +42,8 @@ class LightSet {
   /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
   /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
   LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;
-  /// Whether sample() is uniform in solid angle.
-  static bool is_near(const AreaLight&, Vec3 from);
+  /// Whether the longest edge is more than `ratio` times the distance of the centre.
+  static bool is_near(const AreaLight&, Vec3 from, float ratio);
 
  private:
   const Scene& scene_;

@@ -2,10 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
-
-#include "baker/solver/lamp_light.h"
-#include "baker/solver/sampling.h"
 #include "tests/solver/quad_scene.h"
 
 namespace kiln::baker::test {
@@ -57,32 +53,6 @@ TEST(AreaLights, TexturedTrianglesStayTriangles) {
   const auto lights = find_area_lights(scene.scene());
   ASSERT_EQ(lights.size(), 2u);
   for (const AreaLight& l : lights) EXPECT_FALSE(l.is_uniform());
-}
-
-// With nothing in between, the closed form is the answer: no noise at any number of rays, whatever
-// the seed, near lamp or far.
-TEST(LampLight, IsExactWhereNothingIsInTheWay) {
-  for (const float height : {0.05f, 0.4f, 3.f}) {
-    QuadScene scene(32);
-    const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
-    scene.build();
-    const Vec3 a{-0.4f, height, -0.3f}, u{0.9f, 0, 0}, v{0, 0, 0.7f};
-    scene.scene().rect_lights.push_back({a, u, v, {1, 1, 1}});
-    proto::SolverSettings s;
-    s.bounces = 0;
-    s.direct_samples = 16;
-    const Solution solution = scene.solve(s);
-    const std::array<Vec3, 4> lamp{a, a + u, a + u + v, a + v};
-    for (const std::uint32_t t : scene.texels_of(floor)) {
-      double expected = 0;
-      for (const SamplePoint& p : scene.texels().points_of(t))
-        expected +=
-            polygon_irradiance(position_at(scene.scene(), p.triangle, p.bary()), {0, 1, 0}, lamp) /
-            TextureGroup::kPointsPerTexel;
-      ASSERT_NEAR(solution.light->irradiance(t).g, expected, 3e-5 * expected + 1e-6)
-          << "lamp at " << height << ", texel " << t;
-    }
-  }
 }
 
 }  // namespace

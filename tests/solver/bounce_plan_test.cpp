@@ -1,0 +1,93 @@
+#include "baker/solver/bounce_plan.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+namespace kiln::baker {
+namespace {
+
+/// Reports of a room whose light grows by a geometric series: direct light of 1 lx, and bounces
+/// that add ratio, ratio², ... to it.
+class Room {
+ public:
+  explicit Room(double ratio) : ratio_(ratio), done_{pass(1, 1), pass(1, 0)} {}
+
+  const std::vector<proto::PassReport>& done() const { return done_; }
+  std::uint32_t first() const { return 2; }
+  void bounce() {
+    const double added = std::pow(ratio_, double(done_.size() - first() + 1));
+    light_ += added;
+    done_.push_back(pass(light_, added / light_));
+  }
+
+ private:
+  static proto::PassReport pass(double mean_lx, double residual) {
+    proto::PassReport p;
+    p.mean_lx = mean_lx, p.residual = residual;
+    return p;
+  }
+
+  double ratio_, light_ = 1;
+  std::vector<proto::PassReport> done_;
+};
+
+TEST(BouncePlan, TheLastBounceStandsForAllThatAreLeftOut) {
+  proto::SolverSettings settings;
+  settings.bounces = 100;
+  settings.tolerance = 1e-3f;
+  const DirectionSet set(0, 256, false);
+  Room room(0.5);
+  const BouncePlan plan(settings, set, room.first());
+  double light = 1;
+  BouncePlan::Bounce bounce;
+  std::uint32_t count = 0;
+  while (!(bounce = plan.next(room.done())).last) {
+    light += std::pow(0.5, ++count);
+    room.bounce();
+  }
+  ASSERT_TRUE(bounce.stands_for_others);
+  EXPECT_LE(count, 10u);
+  light += std::pow(0.5, count + 1) * (1 + bounce.tail_scale);
+  EXPECT_NEAR(light, 2, 1e-9) << "the sum of the series";
+}
+
+TEST(BouncePlan, TheLimitEndsIt) {
+  proto::SolverSettings settings;
+  settings.bounces = 3;
+  settings.tolerance = 0;
+  const DirectionSet set(0, 256, false);
+  Room room(0.9);
+  const BouncePlan plan(settings, set, room.first());
+  for (int i = 0; i < 3; ++i) {
+    const BouncePlan::Bounce bounce = plan.next(room.done());
+    EXPECT_FALSE(bounce.stands_for_others);
+    EXPECT_EQ(bounce.last, i == 2);
+    EXPECT_FALSE(plan.is_complete(room.done()));
+    room.bounce();
+  }
+  EXPECT_TRUE(plan.is_complete(room.done()));
+}
+
+TEST(BouncePlan, FewerHitsAreReadTheLessIsAtStake) {
+  proto::SolverSettings settings;
+  settings.bounces = 100;
+  settings.tolerance = 1e-9f;
+  const DirectionSet set(0, 256, false);
+  Room room(0.5);
+  const BouncePlan plan(settings, set, room.first());
+  std::vector<std::uint32_t> read;
+  for (int i = 0; i < 12; ++i) {
+    read.push_back(plan.next(room.done()).directions);
+    room.bounce();
+  }
+  EXPECT_EQ(read, (std::vector<std::uint32_t>{256, 256, 256, 128, 64, 32, 16, 16, 16, 16, 16, 16}));
+  // Packets of a coherent set are parts of the hemisphere: all of them are needed.
+  const DirectionSet coherent(0, 256, true);
+  ASSERT_TRUE(coherent.coherent);
+  EXPECT_EQ(BouncePlan(settings, coherent, room.first()).next(room.done()).directions, 256u);
+}
+
+}  // namespace
+}  // namespace kiln::baker
