@@ -20,6 +20,9 @@ constexpr double kSmoothing = 64;        ///< FilterBank when it smooths
 constexpr double kVariance = 8;          ///< FilteredLight
 constexpr double kSmoothed = 36;         ///< its light, unless it is the Lightmap's
 constexpr double kHit = 4;
+/// Hits of a texel that leave memory pages to rows of texels of their own: those of texels that are
+/// interpolated are then never taken. The share that is, at most.
+constexpr double kOwnPages = 512, kGathered = 0.7;
 // Bytes per triangle: ray tracing, look-ups, charts.
 constexpr double kTriangle = 300;
 // Bytes per texel square of a page: its map, twice.
@@ -97,8 +100,9 @@ std::uint64_t estimate_memory(const Scene& scene, const proto::BakeSettings& set
   const bool gathers = settings.solver.method == proto::Method::kGather;
   const bool smooths = gathers && settings.post.filter;
   const double base = texels * (kSurface + kLight);
-  const double hits = std::min(double(std::uint64_t(settings.solver.hit_memory_mib) << 20),
-                               texels * kHit * plan.directions);
+  double hits = std::min(double(std::uint64_t(settings.solver.hit_memory_mib) << 20),
+                         texels * kHit * plan.directions);
+  if (plan.coarse && hits >= texels * kOwnPages) hits *= kGathered;
   const double bouncing =
       base + (gathers ? hits + texels * (kBounced + kRadiosity) : texels * kRound);
   const bool rounds = !gathers || plan.target_error > 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cstring>
 #include <fstream>
 #include <functional>
 #include <type_traits>
@@ -22,6 +23,7 @@ constexpr Magic kStateMagic{'K', 'I', 'L', 'N', 'S', 'T', 'A', '1'};
 constexpr const char* kPassFiles[] = {"pass_0.bin", "pass_1.bin"};
 constexpr const char* kStateFile = "state.bin";
 constexpr std::uint32_t kMaxTextBytes = 4096;
+constexpr std::size_t kMemoryPage = 4096, kStateBuffer = 256 * kMemoryPage;
 
 class Writer {
  public:
@@ -153,9 +155,8 @@ Expected<std::optional<StoredLight>> read_pass_file(const fs::path& file, const 
 }
 
 /// `use` for one piece after the other. False when it refuses one, or on a stop request.
-template <class T, class Use>
-bool for_pieces(std::span<T> bytes, std::stop_token stop, const Use& use) {
-  constexpr std::size_t kPiece = 16 << 20;
+template <std::size_t kPiece = 16 << 20, class T, class Use>
+bool for_pieces(std::span<T> bytes, const std::stop_token& stop, const Use& use) {
   while (!bytes.empty()) {
     const auto piece = bytes.first(std::min(kPiece, bytes.size()));
     if (stop.stop_requested() || !use(piece)) return false;
@@ -184,8 +185,17 @@ Expected<void> read_state(const fs::path& file, const std::string& key, std::spa
   if (!reader.magic(kStateMagic) || !reader.text(found) || !reader.value(bytes))
     return unusable(file, "is missing or damaged");
   if (found != key || bytes != out.size()) return unusable(file, "is of another bake");
-  const bool whole =
-      for_pieces(out, stop, [&](auto piece) { return reader.bytes(piece.data(), piece.size()); });
+  std::vector<char> buffer(kStateBuffer);
+  const bool whole = for_pieces<kStateBuffer>(out, stop, [&](auto piece) {
+    if (!reader.bytes(buffer.data(), piece.size())) return false;
+    // Memory that was never written costs nothing, and stays so.
+    for (std::size_t at = 0; at < piece.size(); at += kMemoryPage) {
+      const auto page = std::span(buffer).subspan(at, std::min(kMemoryPage, piece.size() - at));
+      if (std::ranges::any_of(page, [](char c) { return c != 0; }))
+        std::memcpy(piece.data() + at, page.data(), page.size());
+    }
+    return true;
+  });
   if (stop.stop_requested()) return stopped();
   if (!whole || !reader.sealed()) return unusable(file, "is damaged");
   return {};

@@ -73,7 +73,7 @@ class Solver {
   }
   /// What passes with `fills_state` leave beside the light for later ones, until one of them
   /// completes it. A checkpoint between them stores it, and writes it back to a solver that has run
-  /// none. Empty: there is none.
+  /// none, whose state is zeros. Empty: there is none.
   virtual std::span<std::byte> state() { return {}; }
   /// How gathered rays are put into packets, see PacketPlan; empty where none are.
   virtual std::string ray_pattern() const { return {}; }
