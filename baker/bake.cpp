@@ -277,6 +277,13 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   return solution;
 }
 
+std::shared_ptr<SceneSource> source_of(const BakeInput& input) {
+  if (input.source) return input.source;
+  SceneFiles files = input.files;
+  files.sky_map = input.settings.sky.map;
+  return std::make_shared<FilesInProcess>(std::move(files), input.limits);
+}
+
 }  // namespace
 
 const char* instruction_set() {
@@ -298,14 +305,12 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   Course course(observer, manifest.statistics);
 
   course.enter("import", 0);
-  const auto source =
-      input.source ? input.source : std::make_shared<FilesInProcess>(input.files, input.limits);
+  const auto source = source_of(input);
   auto scene = source->import(stop);
   if (!scene) return Unexpected(scene.error());
   if (auto ok = apply_settings(*scene, input.settings); !ok) return Unexpected(ok.error());
   manifest.warnings = scene->warnings;
   for (const auto& w : scene->warnings) observer.on_warning(w);
-  const LightSet lights(*scene);
   count_scene(*scene, manifest.statistics);
   const std::uint64_t memory = estimate_memory(*scene, input.settings);
   manifest.statistics.memory_estimate_bytes = memory;
@@ -322,6 +327,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
 
   course.enter("solve", kSolvingFrom);
   Checkpoints checkpoints(input, pool.size(), stop, observer);
+  const LightSet lights(*scene);
   const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
                                      course, checkpoints);
   if (!solution) return Unexpected(solution.error());

@@ -59,7 +59,8 @@ struct BakeInput {
   /// Asked once, when the scene is known and before anything is made of it, for the memory that the
   /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
-  /// What reads the files; null: this process does, within the limits. Used by one bake at a time.
+  /// What reads the files, the sky map among them if the settings name one; null: this process does,
+  /// within the limits. Used by one bake at a time.
   std::shared_ptr<SceneSource> source = nullptr;
   /// Of the processors' time that checkpoints may take; from 1 on each pass waits for its own. See
   /// CheckpointWriter.

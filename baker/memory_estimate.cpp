@@ -17,6 +17,7 @@ constexpr double kBounced = 28;          ///< planes that a bounce makes anew
 constexpr double kRound = 56;            ///< planes that a round, or a pass of paths, makes anew
 constexpr double kSignal = 29 + 24 + 8;  ///< FilterBank, and what judges it
 constexpr double kSmoothing = 64;        ///< FilterBank when it smooths
+constexpr double kSkyColours = 32;       ///< more of that, with a sky map
 constexpr double kVariance = 8;          ///< FilteredLight
 constexpr double kSmoothed = 36;         ///< its light, unless it is the Lightmap's
 constexpr double kHit = 4;
@@ -25,6 +26,8 @@ constexpr double kHit = 4;
 constexpr double kOwnPages = 512, kGathered = 0.7;
 // Bytes per triangle: ray tracing, look-ups, charts.
 constexpr double kTriangle = 300;
+// Bytes per pixel of a sky map: its colour, and how to find it.
+constexpr double kSkyPixel = 16;
 // Bytes per texel square of a page: its map, twice.
 constexpr double kSquare = 8;
 // While one page is written: an image for each layer, padding, encoders.
@@ -45,7 +48,8 @@ double bytes(const std::vector<T>& v) {
 double scene_bytes(const Scene& s) {
   return bytes(s.positions) + bytes(s.normals) + bytes(s.base_uv) + bytes(s.emission_uv) +
          bytes(s.lightmap_uv) + bytes(s.colors) + bytes(s.source_vertex) + bytes(s.triangles) +
-         bytes(s.triangle_part) + bytes(s.image_texels);
+         bytes(s.triangle_part) + bytes(s.image_texels) +
+         double(s.sky_map.texels.size()) * kSkyPixel;
 }
 
 struct Surface {
@@ -107,9 +111,10 @@ std::uint64_t estimate_memory(const Scene& scene, const proto::BakeSettings& set
       base + (gathers ? hits + texels * (kBounced + kRadiosity) : texels * kRound);
   const bool rounds = !gathers || plan.target_error > 0;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
+  const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColours);
   const double filtering =
       base + filtered +
-      texels * ((rounds ? kRound : kBounced) + kSignal + (smooths ? kSmoothing : 0));
+      texels * ((rounds ? kRound : kBounced) + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
   const double writing =
       base + filtered + page * (kImage * double(1 + settings.output.layers.size()) + kEncoders);

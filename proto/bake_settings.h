@@ -74,6 +74,9 @@ struct SolverSettings {
 
 struct SkySettings {
   std::array<float, 3> radiance{0, 0, 0};  ///< cd/m2, the same in every direction
+  std::optional<std::string> map;          ///< name of a side file, equirectangular; adds to it
+  float scale = 1;                         ///< cd/m2 for a map's value of 1
+  float rotation = 0;                      ///< deg about +Y, of the map
 };
 
 enum class LightType { kDirectional, kPoint, kSpot, kRect };

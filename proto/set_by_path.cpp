@@ -35,19 +35,24 @@ bool is_bare(std::string_view text) {
   });
 }
 
-bool is_list(std::string_view path) {
+bool is_of_kind(std::string_view path, ValueKind kind) {
   const auto& rows = setting_rows();
   return std::any_of(rows.begin(), rows.end(), [&](const auto& row) {
-    return row.spec.path == path && row.spec.kind == ValueKind::kChoices;
+    return row.spec.path == path && row.spec.kind == kind;
   });
 }
 
-/// JSON, or a bare word; for settings that are lists of words also "exr,png".
+/// JSON, or a bare word; for settings that are lists of words also "exr,png", and for those that
+/// are texts any other text.
 Expected<json> value_of(std::string_view path, std::string_view text, std::string_view assignment) {
   auto value = parse_json(text, "settings");
+  if (is_of_kind(path, ValueKind::kText)) {
+    if (value && (value->is_string() || value->is_null())) return value;
+    return json(std::string(text));
+  }
   if (value) return value;
   if (!is_bare(text)) return bad(assignment, "the value is neither JSON nor a plain word");
-  if (is_list(path)) return json(split(text, ','));
+  if (is_of_kind(path, ValueKind::kChoices)) return json(split(text, ','));
   return json(std::string(text));
 }
 

@@ -61,6 +61,15 @@ bool are_choices(const SettingSpec& s, const json& v) {
   });
 }
 
+bool is_text(const SettingSpec& s, const json& v) {
+  if (!v.is_string()) return false;
+  const auto& text = v.get_ref<const std::string&>();
+  const auto characters = std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;  // not one that goes on with another
+  });
+  return characters >= 1 && double(characters) <= s.max;
+}
+
 bool is_fine(const SettingSpec& s, const json& v) {
   if (v.is_null()) return s.nullable;
   switch (s.kind) {
@@ -78,6 +87,8 @@ bool is_fine(const SettingSpec& s, const json& v) {
       return is_vector(s, v);
     case ValueKind::kDirection:
       return is_vector(s, v) && has_length(v);
+    case ValueKind::kText:
+      return is_text(s, v);
   }
   return false;
 }
@@ -113,6 +124,9 @@ json bare_schema(const SettingSpec& s) {
       schema["not"] = {{"items", {{"minimum", -kShortest}, {"maximum", kShortest}}}};
       return schema;
     }
+    case ValueKind::kText:
+      return {
+          {"type", "string"}, {"minLength", 1}, {"maxLength", static_cast<std::int64_t>(s.max)}};
   }
   return {};
 }
@@ -136,6 +150,8 @@ std::string expectation(const SettingSpec& s) {
       return "a list of three numbers " + range_text(s) + or_null;
     case ValueKind::kDirection:
       return "a list of three numbers " + range_text(s) + ", not all (nearly) zero" + or_null;
+    case ValueKind::kText:
+      return "a string of 1 to " + number_text(s.max) + " characters" + or_null;
   }
   return {};
 }

@@ -21,6 +21,7 @@ enum class ValueKind {
   kChoices,    ///< a list of different words of `choices`, at least one
   kVector,     ///< three numbers, each in the range
   kDirection,  ///< a vector with at least one component beyond kShortest
+  kText,       ///< of 1 to `max` characters
 };
 
 /// Directions whose components are all within this distance of zero have no usable length in float.
@@ -33,7 +34,7 @@ inline constexpr std::size_t kMaxLights = 10'000;
 struct SettingSpec {
   std::string_view path = {};  ///< "solver.bounces"; for lights the plain key
   ValueKind kind = ValueKind::kNumber;
-  double min = 0, max = 0;  ///< inclusive; of numbers and vector components
+  double min = 0, max = 0;  ///< inclusive; of numbers, vector components and lengths
   bool nullable = false;    ///< null: chosen by the baker
   std::vector<std::string_view> choices = {};
   std::string_view unit = {};  ///< "" for counts and ratios

@@ -23,6 +23,8 @@ json to_value(const T& v, const SettingSpec& spec) {
     return v ? json(shortest_number(*v)) : json(nullptr);
   } else if constexpr (std::is_same_v<T, std::optional<std::uint32_t>>) {
     return v ? json(*v) : json(nullptr);
+  } else if constexpr (std::is_same_v<T, std::optional<std::string>>) {
+    return v ? json(*v) : json(nullptr);
   } else if constexpr (std::is_same_v<T, std::array<float, 3>>) {
     return json{shortest_number(v[0]), shortest_number(v[1]), shortest_number(v[2])};
   } else {
@@ -40,6 +42,8 @@ void from_value(T& out, const json& v, const SettingSpec& spec) {
     out = v.is_null() ? std::nullopt : std::optional<float>(v.get<float>());
   } else if constexpr (std::is_same_v<T, std::optional<std::uint32_t>>) {
     out = v.is_null() ? std::nullopt : std::optional<std::uint32_t>(v.get<std::uint32_t>());
+  } else if constexpr (std::is_same_v<T, std::optional<std::string>>) {
+    out = v.is_null() ? std::nullopt : std::optional<std::string>(v.get<std::string>());
   } else {
     v.get_to(out);
   }
@@ -171,6 +175,19 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.sky.radiance; }>(
           {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),
+      row<[](auto& s) -> auto& { return s.sky.map; }>(
+          {.path = "sky.map", .kind = kText, .max = 1024, .nullable = true,
+           .description = "Name of a side file of the scene, OpenEXR or Radiance HDR: the sky by "
+                          "direction, which adds to radiance. Equirectangular, twice as wide as high: "
+                          "the top row is +Y; the centre is seen along +X, what is right of it along "
+                          "+Z. A pixel has one radiance all over. null: none."}),
+      row<[](auto& s) -> auto& { return s.sky.scale; }>(
+          {.path = "sky.scale", .kind = kNumber, .min = 0, .max = 1e9, .unit = "cd/m2",
+           .description = "Radiance where the map's value is 1."}),
+      row<[](auto& s) -> auto& { return s.sky.rotation; }>(
+          {.path = "sky.rotation", .kind = kNumber, .min = -360, .max = 360, .unit = "degrees",
+           .description = "Turns the map about +Y, counter-clockwise seen from above: at 90 its centre "
+                          "is seen along -Z."}),
       row<[](auto& s) -> auto& { return s.allow_dark; }>(
           {.path = "allow_dark", .kind = kBoolean,
            .description = "Bake a scene without any light instead of the error no_light."}),

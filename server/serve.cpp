@@ -76,6 +76,7 @@ ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer) {
   ServiceParts parts;
   parts.bake = [importer](baker::BakeInput input, baker::ThreadPool& pool, std::stop_token stop,
                           baker::BakeObserver& observer) {
+    input.files.sky_map = input.settings.sky.map;
     input.source = importer->open(input.files, input.scene_key, input.files.main.parent_path());
     return baker::bake(input, pool, std::move(stop), observer);
   };

@@ -178,11 +178,11 @@ Expected<void> read_document(Document& document, const Container& container,
 }  // namespace
 
 Expected<std::string_view> FileCache::load(const std::filesystem::path& path,
-                                           const std::string& pointer) {
+                                           const std::string& pointer, const char* where) {
   if (const auto known = mapped_.find(path); known != mapped_.end()) return known->second.bytes();
   auto file = map_file(files_, path, left_);
   if (!file) {
-    file.error().details = {{"scene", pointer, file.error().message}};
+    file.error().details = {{where, pointer, file.error().message}};
     return Unexpected(file.error());
   }
   left_ -= file->bytes().size();
@@ -203,6 +203,13 @@ Expected<std::string_view> FileCache::side_file(const std::string& uri,
   const auto path = find(uri, pointer);
   if (!path) return Unexpected(path.error());
   return load(*path, pointer);
+}
+
+Expected<std::string_view> FileCache::named_file(const std::string& name, const char* where,
+                                                 const std::string& pointer) {
+  const auto path = find_named_file(files_, name, where, pointer);
+  if (!path) return Unexpected(path.error());
+  return load(*path, pointer, where);
 }
 
 Document::Document(const SceneFiles& scene_files, const ImportLimits& limits)

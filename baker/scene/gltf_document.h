@@ -32,9 +32,14 @@ class FileCache {
                                               const std::string& pointer) const;
   /// Errors: those of find_side_file, `limit_exceeded`.
   proto::Expected<std::string_view> side_file(const std::string& uri, const std::string& pointer);
+  /// The file of that name, which `where` and `pointer` ask for. Errors: those of find_named_file,
+  /// `limit_exceeded`.
+  proto::Expected<std::string_view> named_file(const std::string& name, const char* where,
+                                               const std::string& pointer);
 
  private:
-  proto::Expected<std::string_view> load(const std::filesystem::path&, const std::string& pointer);
+  proto::Expected<std::string_view> load(const std::filesystem::path&, const std::string& pointer,
+                                         const char* where = "scene");
 
   const SceneFiles& files_;
   std::uint64_t left_;

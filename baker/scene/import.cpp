@@ -12,6 +12,7 @@
 #include "baker/scene/images.h"
 #include "baker/scene/lights.h"
 #include "baker/scene/materials.h"
+#include "baker/scene/sky_map.h"
 #include "baker/scene/tinygltf.h"
 #include "baker/scene/world_primitive.h"
 
@@ -273,6 +274,10 @@ Expected<void> check_scene(const SceneFiles& files, const proto::BakeSettings& s
   if (!has_triangles) return Unexpected(has_triangles.error());
   if (!*has_triangles) return nothing_to_bake();
   Scene lights;
+  if (settings.sky.map) {
+    if (auto found = check_sky_map(document, *settings.sky.map, limits); !found) return found;
+    lights.sky_map = {2, 1, {{1, 1, 1}, {1, 1, 1}}};  // what it shows is not known yet
+  }
   if (auto added = add_punctual_lights(lights, document, placed, limits); !added) return added;
   if (auto added = add_settings_lights(lights, settings); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;
@@ -293,6 +298,9 @@ Expected<Scene> import_files(const SceneFiles& files, const ImportLimits& limits
   scene.materials = import.materials.materials();
   if (auto done = load_images(document, scene, limits, stop); !done)
     return Unexpected(done.error());
+  if (files.sky_map)
+    if (auto done = load_sky_map(document, scene, *files.sky_map, limits, stop); !done)
+      return Unexpected(done.error());
   if (document.has_animations) {
     document.warnings.add("animation_ignored", "/animations", "the scene is baked at rest");
   }
@@ -310,7 +318,9 @@ Expected<void> apply_settings(Scene& scene, const proto::BakeSettings& settings)
 
 Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings& settings,
                              const ImportLimits& limits, std::stop_token stop) {
-  auto scene = import_files(files, limits, stop);
+  SceneFiles with_sky = files;
+  with_sky.sky_map = settings.sky.map;
+  auto scene = import_files(with_sky, limits, stop);
   if (!scene) return scene;
   if (auto applied = apply_settings(*scene, settings); !applied) return Unexpected(applied.error());
   return scene;

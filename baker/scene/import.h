@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 
@@ -20,6 +21,8 @@ namespace kiln::baker {
 struct SceneFiles {
   std::filesystem::path main;
   std::map<std::string, std::filesystem::path> side;
+  /// Name of the one that is the sky map (the setting sky.map). Nothing: none is.
+  std::optional<std::string> sky_map = std::nullopt;
   /// Where it is given, the paths are looked up here, and nothing is opened.
   std::shared_ptr<const OpenedFiles> opened = nullptr;
 };
@@ -44,20 +47,22 @@ struct ImportLimits {
 };
 
 /// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and
-/// that something can be baked. Fast enough for a request (50 MB within a second). Errors:
-/// `invalid_scene` (pointer into the glTF), `unsupported_extension`, `missing_file`,
-/// `nothing_to_bake`, `no_light`, `limit_exceeded`, `canceled`.
+/// that something can be baked. The sky map is the one that the settings name. Fast enough for a
+/// request (50 MB within a second). Errors: `invalid_scene` (pointer into the glTF),
+/// `unsupported_extension`, `missing_file`, `nothing_to_bake`, `no_light`, `limit_exceeded`,
+/// `invalid_image` (of the sky map), `canceled`.
 proto::Expected<void> check_scene(const SceneFiles&, const proto::BakeSettings&,
                                   const ImportLimits& = {}, std::stop_token = {});
 
-/// The import without what settings add: geometry, materials, punctual lights, images decoded. Same
-/// errors but `no_light`, and `invalid_image`. What is legal but not honoured becomes a
-/// Scene::warning.
+/// The import without what settings add: geometry, materials, punctual lights, images and the sky
+/// map that the files name, decoded. Same errors but `no_light`, and `invalid_image`. What is legal
+/// but not honoured becomes a Scene::warning.
 proto::Expected<Scene> import_files(const SceneFiles&, const ImportLimits& = {},
                                     std::stop_token = {});
 
-/// Adds the lights and the sky of the settings to an imported scene.
-/// Errors: `invalid_settings`, `no_light`.
+/// Adds the lights and the sky of the settings to an imported scene. A sky map that gives no light
+/// is dropped. Errors: `invalid_settings`, `no_light`; `missing_file` when the settings name a sky
+/// map and the import had none.
 proto::Expected<void> apply_settings(Scene&, const proto::BakeSettings&);
 
 /// Both of them: the scene that is baked.

@@ -99,6 +99,29 @@ PunctualLight make_punctual(const proto::LightSettings& light, Vec3 direction, R
   return out;
 }
 
+/// Brightest pixel that a sky may have, cd/m2: far above the sun's, and its square is a number.
+constexpr float kMaxSkyRadiance = 1e15f;
+
+Expected<void> add_sky(Scene& scene, const proto::SkySettings& sky) {
+  scene.sky = {sky.radiance[0], sky.radiance[1], sky.radiance[2]};
+  if (!sky.map) {
+    scene.sky_map = {};
+    return {};
+  }
+  SkyMap& map = scene.sky_map;
+  if (map.empty())
+    return proto::fail("missing_file", "the scene was imported without its sky map", "settings",
+                       "/sky/map");
+  map.scale = sky.scale;
+  map.rotation = sky.rotation * (kPi / 180);
+  float brightest = 0;
+  for (const Rgb c : map.texels) brightest = std::max(brightest, max_channel(c));
+  if (!(brightest * sky.scale <= kMaxSkyRadiance))
+    return bad_setting("makes the sky map brighter than 1e15 cd/m2", "/sky/scale");
+  if (!(brightest * sky.scale > 0)) map = {};
+  return {};
+}
+
 Expected<void> check_light(const proto::LightSettings& light, const std::string& at) {
   if (light.type != proto::LightType::kPoint && !(length(vec(light.direction)) > 0)) {
     return bad_setting("has no direction", at + "/direction");
@@ -143,7 +166,7 @@ Expected<void> add_punctual_lights(Scene& scene, Document& document,
 }
 
 Expected<void> add_settings_lights(Scene& scene, const proto::BakeSettings& settings) {
-  scene.sky = {settings.sky.radiance[0], settings.sky.radiance[1], settings.sky.radiance[2]};
+  if (auto added = add_sky(scene, settings.sky); !added) return added;
   for (std::size_t i = 0; i < settings.lights.size(); ++i) {
     const proto::LightSettings& light = settings.lights[i];
     if (auto fine = check_light(light, pointer_to("/lights", i)); !fine) return fine;
@@ -161,7 +184,7 @@ Expected<void> add_settings_lights(Scene& scene, const proto::BakeSettings& sett
 
 Expected<void> require_light(const Scene& scene, bool emissive,
                              const proto::BakeSettings& settings) {
-  if (emissive || settings.allow_dark || !is_black(scene.sky) || !scene.lights.empty() ||
+  if (emissive || settings.allow_dark || scene.has_sky() || !scene.lights.empty() ||
       !scene.rect_lights.empty()) {
     return {};
   }
@@ -169,7 +192,7 @@ Expected<void> require_light(const Scene& scene, bool emissive,
       "no_light", "nothing in the scene emits light; add lights or a sky, or set allow_dark", {}};
   error.details = {
       {"settings", "/lights", "is empty, and the scene has neither lights nor emissive surfaces"},
-      {"settings", "/sky/radiance", "is black"}};
+      {"settings", "/sky/radiance", "is black, and there is no sky map that gives light"}};
   return Unexpected(error);
 }
 

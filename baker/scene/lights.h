@@ -14,7 +14,8 @@ namespace kiln::baker {
 proto::Expected<void> add_punctual_lights(Scene&, Document&, const std::vector<PlacedNode>&,
                                           const ImportLimits&);
 
-/// Adds the sky and the lights of the settings. A rectangle is centred on its position; its width
+/// Adds the sky and the lights of the settings; a sky map that gives no light is dropped. A
+/// rectangle is centred on its position; its width
 /// runs along the horizontal (along +X where it faces straight up or down). Errors:
 /// `invalid_settings`: a light without a direction, or with an empty cone or area.
 proto::Expected<void> add_settings_lights(Scene&, const proto::BakeSettings&);

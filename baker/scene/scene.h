@@ -80,6 +80,21 @@ struct RectLight {
   Rgb radiance;                 ///< cd/m2
 };
 
+/// Largest value in a sky map.
+inline constexpr float kMaxSkyValue = 1e12f;
+
+/// Radiance from outside the scene by direction: an equirectangular picture, row 0 at +Y. Its
+/// centre is seen along +X and what is right of it along +Z; then it is turned about +Y. A pixel
+/// has one radiance all over.
+struct SkyMap {
+  std::uint32_t width = 0, height = 0;  ///< width = 2 * height; 0: there is no map
+  std::vector<Rgb> texels;              ///< each in [0, kMaxSkyValue]
+  float scale = 1;                      ///< cd/m2 for a value of 1
+  float rotation = 0;                   ///< rad, counter-clockwise seen from above
+
+  bool empty() const { return texels.empty(); }
+};
+
 /// Everything that a bake reads, in flat arrays of plain data (so that it can be written to a file
 /// and mapped). World space, metres, +Y up, right-handed. Vertex arrays run in parallel. Built once
 /// by import or by a generator, then never changed.
@@ -108,13 +123,15 @@ struct Scene {
   std::vector<std::array<std::uint8_t, 4>> image_texels;
   std::vector<PunctualLight> lights;
   std::vector<RectLight> rect_lights;
-  Rgb sky;  ///< cd/m2
+  Rgb sky;         ///< cd/m2, the same in every direction
+  SkyMap sky_map;  ///< adds to it
 
   std::vector<proto::Warning> warnings;  ///< what import did not honour
 
   const Material& material_of(std::uint32_t triangle) const {
     return materials[parts[triangle_part[triangle]].material];
   }
+  bool has_sky() const { return !is_black(sky) || !sky_map.empty(); }
 };
 
 /// A point on a triangle: p = (1-u-v)*p0 + u*p1 + v*p2, as Embree reports hits.

@@ -16,7 +16,7 @@ namespace {
 using proto::Expected;
 
 /// To be raised when the layout changes, or what an import makes of the same bytes.
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 constexpr float kMaxCoordinate = 1e9f;
 
@@ -39,6 +39,9 @@ struct MaterialRecord {
   std::int32_t source;
 };
 struct ImageRecord {
+  std::uint32_t width, height;
+};
+struct SkyRecord {
   std::uint32_t width, height;
 };
 struct LightRecord {
@@ -68,15 +71,19 @@ enum Section : std::size_t {
   kMaterials,
   kImages,
   kTexels,
+  kSky,  ///< none or one
+  kSkyTexels,
   kLights,
   kWarnings,
   kText,  ///< names of instances, then code, pointer and message of each warning
 };
 constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
-    sizeof(Vec3),       sizeof(Vec3),           sizeof(Vec2),           sizeof(Vec2),
-    sizeof(Vec2),       sizeof(Color),          sizeof(std::uint32_t),  sizeof(Triangle),
-    sizeof(PartRecord), sizeof(InstanceRecord), sizeof(MaterialRecord), sizeof(ImageRecord),
-    sizeof(Texel),      sizeof(LightRecord),    sizeof(WarningRecord),  1};
+    sizeof(Vec3),           sizeof(Vec3),           sizeof(Vec2),
+    sizeof(Vec2),           sizeof(Vec2),           sizeof(Color),
+    sizeof(std::uint32_t),  sizeof(Triangle),       sizeof(PartRecord),
+    sizeof(InstanceRecord), sizeof(MaterialRecord), sizeof(ImageRecord),
+    sizeof(Texel),          sizeof(SkyRecord),      sizeof(Rgb),
+    sizeof(LightRecord),    sizeof(WarningRecord),  1};
 
 FlatHeader header_of(const std::string& key) {
   return {FlatKind::kScene, kVersion, key};
@@ -110,6 +117,7 @@ struct Records {
   std::vector<InstanceRecord> instances;
   std::vector<MaterialRecord> materials;
   std::vector<ImageRecord> images;
+  std::vector<SkyRecord> sky;
   std::vector<LightRecord> lights;
   std::vector<WarningRecord> warnings;
   std::string text;
@@ -122,6 +130,8 @@ struct Records {
       instances.push_back({i.node, i.mesh, i.part_count, i.mirrored, append(text, i.name)});
     for (const Material& m : scene.materials) materials.push_back(record_of(m));
     for (const Image& i : scene.images) images.push_back({i.width, i.height});
+    const SkyMap& map = scene.sky_map;
+    if (!map.empty()) sky.push_back({map.width, map.height});
     for (const PunctualLight& l : scene.lights)
       lights.push_back({std::uint32_t(l.type), l.intensity, l.position, l.direction, l.range,
                         l.cos_inner, l.cos_outer});
@@ -155,7 +165,7 @@ class Reader {
     copy_arrays();
     for (const auto step :
          {&Reader::read_materials, &Reader::read_instances, &Reader::read_vertices,
-          &Reader::read_triangles, &Reader::read_lights, &Reader::read_warnings})
+          &Reader::read_triangles, &Reader::read_sky, &Reader::read_lights, &Reader::read_warnings})
       if (auto ok = (this->*step)(); !ok) return proto::Unexpected(ok.error());
     if (text_at_ != file_.bytes(kText).size()) return bad_flat_file("it has text that nobody owns");
     return std::move(scene_);
@@ -289,6 +299,26 @@ class Reader {
     return {};
   }
 
+  Expected<void> read_sky() {
+    SkyMap& map = scene_.sky_map;
+    const auto records = file_.records<SkyRecord>(kSky);
+    map.texels = file_.records<Rgb>(kSkyTexels);
+    if (records.size() > 1 || records.empty() != map.empty()) return bad("the sky map");
+    if (records.empty()) return {};
+    map.width = records[0].width;
+    map.height = records[0].height;
+    if (map.width != 2 * std::uint64_t(map.height) ||
+        std::uint64_t(map.width) * map.height != map.texels.size())
+      return bad("the sky map");
+    for (const Rgb& c : map.texels) {
+      if (stopped_()) return canceled();
+      if (!is_in(c.r, 0, kMaxSkyValue) || !is_in(c.g, 0, kMaxSkyValue) ||
+          !is_in(c.b, 0, kMaxSkyValue))
+        return bad("the sky map");
+    }
+    return {};
+  }
+
   Expected<void> read_lights() {
     for (const LightRecord& r : file_.records<LightRecord>(kLights)) {
       if (r.type > std::uint32_t(PunctualType::kSpot) || !is_light(r.intensity) ||
@@ -334,7 +364,8 @@ class Reader {
 
 }  // namespace
 
-std::string import_key(const std::string& scene_key, const ImportLimits& limits) {
+std::string import_key(const std::string& scene_key, const ImportLimits& limits,
+                       const std::optional<std::string>& sky_map) {
   std::string text = LIGHTKILN_VERSION "\n" + std::to_string(kVersion) + "\n" + scene_key + "\n";
   for (const std::uint64_t limit :
        {limits.file_bytes, limits.json_bytes, std::uint64_t{limits.json_depth},
@@ -342,20 +373,22 @@ std::string import_key(const std::string& scene_key, const ImportLimits& limits)
         limits.triangles, limits.image_pixels, limits.all_image_pixels,
         std::uint64_t{limits.lights}})
     text += std::to_string(limit) + "\n";
+  if (sky_map) text += "sky map " + *sky_map + "\n";
   return proto::sha256_hex(text);
 }
 
 Expected<void> write_scene_file(int fd, const std::string& key, const Scene& scene) {
   const Records records(scene);
   const std::array<FlatSection, kText + 1> sections{
-      flat_section(scene.positions),     flat_section(scene.normals),
-      flat_section(scene.base_uv),       flat_section(scene.emission_uv),
-      flat_section(scene.lightmap_uv),   flat_section(scene.colors),
-      flat_section(scene.source_vertex), flat_section(scene.triangles),
-      flat_section(records.parts),       flat_section(records.instances),
-      flat_section(records.materials),   flat_section(records.images),
-      flat_section(scene.image_texels),  flat_section(records.lights),
-      flat_section(records.warnings),    FlatSection{1, records.text}};
+      flat_section(scene.positions),      flat_section(scene.normals),
+      flat_section(scene.base_uv),        flat_section(scene.emission_uv),
+      flat_section(scene.lightmap_uv),    flat_section(scene.colors),
+      flat_section(scene.source_vertex),  flat_section(scene.triangles),
+      flat_section(records.parts),        flat_section(records.instances),
+      flat_section(records.materials),    flat_section(records.images),
+      flat_section(scene.image_texels),   flat_section(records.sky),
+      flat_section(scene.sky_map.texels), flat_section(records.lights),
+      flat_section(records.warnings),     FlatSection{1, records.text}};
   return write_flat(fd, header_of(key), sections);
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <string_view>
@@ -16,13 +17,14 @@ namespace kiln::baker {
 /// and whoever reads it checks every count, index, enumeration and number before it is used.
 ///
 /// It holds what import_files() gives, without the lights and the sky of the settings: one file
-/// serves all bakes of a scene. It does not hold the glTF document. lit.glb repeats that, and
-/// carrying the JSON along would have the service parse what it keeps the import away from: it is
-/// written by such a process too, from the upload itself (scene_source.h).
+/// serves all bakes of a scene with the same sky map. It does not hold the glTF document. lit.glb
+/// repeats that, and carrying the JSON along would have the service parse what it keeps the import
+/// away from: it is written by such a process too, from the upload itself (scene_source.h).
 
-/// Names what an import gives: importer, limits and the content of all files. 64 hexadecimal
-/// digits.
-std::string import_key(const std::string& scene_key, const ImportLimits&);
+/// Names what an import gives: importer, limits, the content of all files, and which of them is the
+/// sky map. 64 hexadecimal digits.
+std::string import_key(const std::string& scene_key, const ImportLimits&,
+                       const std::optional<std::string>& sky_map = {});
 
 /// Writes from the descriptor's present place on. Same scene and key give the same bytes.
 /// Errors: `storage_full`, `io_error`.

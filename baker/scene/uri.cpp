@@ -152,17 +152,24 @@ proto::Expected<std::filesystem::path> find_side_file(const SceneFiles& files, s
                                                       const std::string& pointer) {
   const auto name = relative_file_name(uri, pointer);
   if (!name) return proto::Unexpected(name.error());
-  if (const auto exact = files.side.find(*name); exact != files.side.end()) return exact->second;
-  const std::string_view last = last_component(*name);
+  return find_named_file(files, *name, "scene", pointer);
+}
+
+proto::Expected<std::filesystem::path> find_named_file(const SceneFiles& files,
+                                                       std::string_view name, const char* where,
+                                                       const std::string& pointer) {
+  const auto exact = files.side.find(std::string(name));
+  if (exact != files.side.end()) return exact->second;
+  const std::string_view last = last_component(name);
   std::vector<const std::filesystem::path*> found;
   for (const auto& [key, path] : files.side) {
     if (!last.empty() && last_component(key) == last) found.push_back(&path);
   }
   if (found.size() == 1) return *found.front();
   return proto::fail("missing_file",
-                     found.empty() ? "the scene needs " + quoted(uri) + ", which was not uploaded"
-                                   : quoted(uri) + " fits several uploaded files",
-                     "scene", pointer);
+                     found.empty() ? "the scene needs " + quoted(name) + ", which was not uploaded"
+                                   : quoted(name) + " fits several uploaded files",
+                     where, pointer);
 }
 
 }  // namespace kiln::baker

@@ -30,4 +30,10 @@ proto::Expected<std::string> relative_file_name(std::string_view uri, const std:
 proto::Expected<std::filesystem::path> find_side_file(const SceneFiles&, std::string_view uri,
                                                       const std::string& pointer);
 
+/// The upload's file of that name, or of that last path component, for which `where` and `pointer`
+/// ask. Errors: `missing_file`.
+proto::Expected<std::filesystem::path> find_named_file(const SceneFiles&, std::string_view name,
+                                                       const char* where,
+                                                       const std::string& pointer);
+
 }  // namespace kiln::baker

@@ -1,6 +1,7 @@
 #include "baker/solver/direct.h"
 
 #include <array>
+#include <limits>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -17,6 +18,8 @@ constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;
+/// Tells the random numbers of the sky's rays from those of the lights'.
+constexpr std::uint32_t kSky = 0x736b79;
 
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
@@ -121,6 +124,25 @@ struct Receiver {
   std::uint32_t texel = 0, seed = 0;
   Footprint at;
 };
+
+/// Light from the bright parts of the sky by `count` samples: what the hemisphere's rays leave of
+/// it (see SkyShares). `first` samples were drawn before.
+Estimate bright_sky(const SolverInput& in, const Footprint& at, std::uint32_t first,
+                    std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
+  const SkyShares shares = sky_shares(in.plan);
+  const std::uint32_t point_flip = hash(seed, 2);
+  for (std::uint32_t k = 0; k < count; ++k) {
+    const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
+    const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
+    const SkyLight::Sample s = in.lights.sky()->sample(scrambled(sobol(point), seed));
+    const float cosine = receiver_cosine(at, i, s.direction);
+    const float weight = shares.of_bright(s.seen.density, cosine);
+    const Rgb value = s.seen.radiance * (cosine * weight / float(count));
+    const ShadowRay ray{s.direction, std::numeric_limits<float>::infinity()};
+    if (!is_black(value)) shadows.add(at.origin[i], ray, value, k & 1);
+  }
+  return shadows.take_estimate();
+}
 
 /// Many lights: the texels of a tile choose among them alike.
 class ManyLights {
@@ -280,7 +302,12 @@ std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelR
       arrived[t - begin] = Estimate{punctual_light(in, tile.back().at, shadows)};
     }
     if (!in.lights.area().empty()) area_lights.light(tile, first, count, shadows, arrived);
-    for (const Receiver& r : tile) put(r.texel, arrived[r.texel - begin]);
+    for (const Receiver& r : tile) {
+      Estimate& e = arrived[r.texel - begin];
+      if (in.lights.has_bright_sky())
+        e += bright_sky(in, r.at, first, count, hash(r.seed, kSky), shadows);
+      put(r.texel, e);
+    }
   }
   return shadows.traced() + area_lights.traced();
 }

@@ -13,7 +13,8 @@ namespace kiln::baker {
 /// unoccluded contributions. Where lights are few, those that earn a ray from each point are lamps
 /// (see LampLight); the others, and all where they are many, are drawn systematically from the
 /// distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
-/// each point of the footprint. Immutable; callable from many threads.
+/// each point of the footprint. Bright parts of a sky map are drawn from it. Immutable; callable
+/// from many threads.
 class DirectLight {
  public:
   explicit DirectLight(const SolverInput& in) : in_(in) {}

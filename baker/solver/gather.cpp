@@ -36,7 +36,7 @@ class GatherSolver final : public Solver {
         set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
         bounces_(in_.settings, set_, first_bounce()),
         rounds_(in_, set_.size()),
-        needs_rays_(in.settings.bounces > 0 || !is_black(in.scene.sky)) {
+        needs_rays_(in.settings.bounces > 0 || in.scene.has_sky()) {
     if (needs_rays_) hits_ = HitMemory(in.texels.size(), set_.size());
   }
 
@@ -84,7 +84,9 @@ class GatherSolver final : public Solver {
 
   double direct_work() const {
     constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
-    return kSent * double(in_.lights.area().empty() ? 0 : plan_.shadow_rays) +
+    const double area = in_.lights.area().empty() ? 0 : kSent;
+    const double sky = in_.lights.has_bright_sky() ? 1 : 0;
+    return (area + sky) * plan_.shadow_rays +
            double(in_.lights.punctual().size() * TextureGroup::kPointsPerTexel);
   }
   /// Every fourth texel is a site, and charts are edged by texels without sites around them.
@@ -104,10 +106,11 @@ class GatherSolver final : public Solver {
   }
 
   /// E = π · mean L over cosine-distributed directions.
-  Estimate sky_light(const DirectionSet& set, std::span<const std::uint32_t> hits) const {
+  Estimate sky_light(const DirectionSet& set, const Hemisphere::Gathering& g) const {
+    if (in_.lights.sky()) return set.estimate(g.sky[0] * kPi, g.sky[1] * kPi);
     float open[2] = {0, 0};
-    for (std::uint32_t i = 0; i < hits.size(); ++i)
-      open[set.in_second_half(i)] += hits[i] == kHitSky ? kPi : 0.f;
+    for (std::uint32_t i = 0; i < g.hits.size(); ++i)
+      open[set.in_second_half(i)] += g.hits[i] == kHitSky ? kPi : 0.f;
     return set.estimate(in_.scene.sky * open[0], in_.scene.sky * open[1]);
   }
 
@@ -289,7 +292,7 @@ std::uint64_t GatherSolver::trace_some(TexelRange tile, Lightmap& after, const W
   hemisphere_.follow_and_probe(texels, set_);
   for (const Hemisphere::Gathering& g : texels) {
     after.validity[g.texel] = g.visible;
-    put(sky_light(set_, g.hits), after.sky[g.texel], after.sky_spread[g.texel]);
+    put(sky_light(set_, g), after.sky[g.texel], after.sky_spread[g.texel]);
     after.samples[g.texel] = set_.size();
     after.gathers[g.texel] = 1;
   }
@@ -351,8 +354,7 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
     light.samples[t] = had + more;
     const bool gathers = std::as_const(light.gathers)[t] != 0;
-    if (gathers)
-      all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
+    if (gathers) all[count] = {t, std::span(hits).subspan(std::size_t(count) * more, more)};
     count += gathers;
   }
   const std::span texels(all.data(), count);
@@ -363,7 +365,7 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
   };
   for (const Hemisphere::Gathering& g : texels) {
     const std::uint32_t t = g.texel;
-    join(sky_light(set, g.hits), light.sky[t], light.sky_spread[t]);
+    join(sky_light(set, g), light.sky[t], light.sky_spread[t]);
     if (in_.settings.bounces > 0)
       join(feedback_.look_up(set, g.hits), light.indirect[t], light.indirect_spread[t]);
   }

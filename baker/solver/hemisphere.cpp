@@ -64,6 +64,8 @@ class Hemisphere::Tracer {
         kernels_(all.kernels_),
         plan_(all.plan_),
         set_(set),
+        sky_(all.in_.lights.sky()),
+        shares_(sky_shares(all.in_.plan)),
         grid_(all.in_.lookup.grid()),
         tile_seed_(texel_seed(all.in_, tile, Purpose::kGatherTile)) {
     points_.shared_x = plan_.shared_x(), points_.shared_y = plan_.shared_y();
@@ -72,9 +74,9 @@ class Hemisphere::Tracer {
   }
 
   /// One texel; lane = point of its footprint.
-  Census trace_texel(std::uint32_t texel, std::span<std::uint32_t> hits) {
-    const PointFrames frames = Footprint(in_, texel).frames();
-    TexelSamples own(texel_seed(in_, texel, Purpose::kGather));
+  Census trace_texel(Gathering& of) {
+    const PointFrames frames = Footprint(in_, of.texel).frames();
+    TexelSamples own(texel_seed(in_, of.texel, Purpose::kGather));
     std::fill_n(points_.seed_x, 16, own.seed_x);
     std::fill_n(points_.seed_y, 16, own.seed_y);
     Census census;
@@ -89,7 +91,7 @@ class Hemisphere::Tracer {
       }
       trace(frames, lanes, set_.coherent);
       for (std::uint32_t i = 0; i < 16; ++i)
-        if (lanes >> i & 1) take(i, i, hits[first + (i ^ flip)], census);
+        if (lanes >> i & 1) take(i, i, first + (i ^ flip), of, census);
     }
     return census;
   }
@@ -125,8 +127,7 @@ class Hemisphere::Tracer {
         trace(frames_[run], lanes, true);
         for (std::uint32_t i = 0; i < 16; ++i)
           if (lanes >> i & 1)
-            take(i, run * strata + i % strata, group[i / strata].hits[sample[i]],
-                 census[i / strata]);
+            take(i, run * strata + i % strata, sample[i], group[i / strata], census[i / strata]);
       }
     }
   }
@@ -157,6 +158,7 @@ class Hemisphere::Tracer {
   }
 
   void trace(const PointFrames& frames, std::uint32_t lanes, bool coherent) {
+    from_ = &frames;
     kernels_.directions(points_, frames, to_);
     set_plane(frames.origin, rays_.org_x, rays_.org_y, rays_.org_z);
     set_plane(to_.direction, rays_.dir_x, rays_.dir_y, rays_.dir_z);
@@ -168,7 +170,9 @@ class Hemisphere::Tracer {
   }
 
   /// What lane i brought.
-  void take(std::uint32_t i, std::uint32_t point, std::uint32_t& hit, Census& census) {
+  void take(std::uint32_t i, std::uint32_t point, std::uint32_t sample, Gathering& of,
+            Census& census) {
+    std::uint32_t& hit = of.hits[sample];
     hit = kHitNothing;
     if (!(rays_.active >> i & 1)) return;
     if (found_[i] == kHitUnclear) {
@@ -177,17 +181,30 @@ class Hemisphere::Tracer {
       found_[i] = t != kNoTexel ? static_cast<std::uint32_t>(t) : kHitNothing;
     }
     hit = found_[i];
+    if (sky_ && hit == kHitSky) of.sky[set_.in_second_half(sample)] += sky_in(i);
     ++census.rays[point];
     census.behind[point] += hit == kHitNothing && met_.back[i];
+  }
+
+  /// What lane i sees of a sky map.
+  Rgb sky_in(std::uint32_t i) const {
+    const auto lane = [i](const float(&v)[3][16]) { return Vec3{v[0][i], v[1][i], v[2][i]}; };
+    const Vec3 d = lane(to_.direction);
+    const SkyLight::Seen seen = sky_->seen(d);
+    const float cosine = std::max(0.f, dot(lane(from_->shading_normal), d));
+    return seen.radiance * shares_.of_cosine(seen.density, cosine);
   }
 
   const SolverInput& in_;
   const Kernels& kernels_;
   const PacketPlan& plan_;
   const DirectionSet& set_;
+  const SkyLight* const sky_;  ///< null: it is uniform
+  const SkyShares shares_;
   const TexelGrid grid_;
   const std::uint32_t tile_seed_;
   ScrambledPoints points_;
+  const PointFrames* from_ = nullptr;  ///< of the rays that were traced last
   PointFrames of_texel_{};
   std::array<PointFrames, 16> frames_;
   RayPacket rays_;
@@ -213,8 +230,8 @@ void Hemisphere::follow_and_probe(std::span<Gathering> texels, const DirectionSe
     if (!census[i].met_backs()) continue;
     if (set.size() < probe_.size()) {
       std::array<std::uint32_t, kProbeRays * kPoints> hits;
-      census[i] =
-          Tracer(*this, probe_, texels[i].texel / kTileTexels).trace_texel(texels[i].texel, hits);
+      Gathering probed{texels[i].texel, hits};
+      census[i] = Tracer(*this, probe_, probed.texel / kTileTexels).trace_texel(probed);
     }
     texels[i].visible = census[i].visible_share();
   }
@@ -232,8 +249,7 @@ void Hemisphere::trace(std::span<Gathering> texels, const DirectionSet& set,
     tracer.trace_together(texels.subspan(done, n), census.subspan(done, n));
     done += n;
   }
-  for (; done < texels.size(); ++done)
-    census[done] = tracer.trace_texel(texels[done].texel, texels[done].hits);
+  for (; done < texels.size(); ++done) census[done] = tracer.trace_texel(texels[done]);
 }
 
 }  // namespace kiln::baker

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -21,6 +22,9 @@ class Hemisphere {
     std::uint32_t texel = 0;
     std::span<std::uint32_t> hits;  ///< per direction: a texel, kHitSky or kHitNothing
     float visible = 1;              ///< see follow_and_probe()
+    /// Radiance of a sky map in the directions that met nothing, weighted by SkyShares: sums over
+    /// the two halves of the directions. Black where the sky is uniform.
+    std::array<Rgb, 2> sky{};
   };
   /// Texels whose directions are followed together lie in one run of so many.
   static constexpr std::uint32_t kTileTexels = 64;

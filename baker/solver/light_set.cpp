@@ -54,7 +54,9 @@ LightSet::LightSet(const Scene& scene)
     : scene_(scene),
       area_(find_area_lights(scene)),
       power_share_(power_shares(area_)),
-      table_(area_, power_share_) {}
+      table_(area_, power_share_) {
+  if (!scene.sky_map.empty()) sky_.emplace(scene);
+}
 
 bool LightSet::is_near(const AreaLight& l, Vec3 from, float ratio) {
   return l.longest_edge_m > ratio * length(l.centre() - from);

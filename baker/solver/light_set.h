@@ -8,6 +8,7 @@
 #include "baker/scene/scene.h"
 #include "baker/solver/area_light.h"
 #include "baker/solver/light_table.h"
+#include "baker/solver/sky_light.h"
 
 namespace kiln::baker {
 
@@ -37,7 +38,11 @@ class LightSet {
   const std::vector<float>& power_share() const { return power_share_; }
   /// For choosing among many.
   const LightTable& table() const { return table_; }
-  bool empty() const { return area_.empty() && scene_.lights.empty() && is_black(scene_.sky); }
+  /// The sky, when a map gives it; null otherwise.
+  const SkyLight* sky() const { return sky_ ? &*sky_ : nullptr; }
+  /// Whether rays are sent towards bright parts of the sky.
+  bool has_bright_sky() const { return sky_ && sky_->has_bright_parts(); }
+  bool empty() const { return area_.empty() && scene_.lights.empty() && !scene_.has_sky(); }
 
   /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
   /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
@@ -50,6 +55,7 @@ class LightSet {
   std::vector<AreaLight> area_;
   std::vector<float> power_share_;
   LightTable table_;
+  std::optional<SkyLight> sky_;
 };
 
 /// Irradiance on a surface facing a punctual light at unit cosine, and the way to it

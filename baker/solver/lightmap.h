@@ -11,8 +11,8 @@ namespace kiln::baker {
 /// hands to the next, and so the content of a checkpoint. Irradiance in lx, without albedo. Copies
 /// share their planes.
 struct Lightmap {
-  Plane<Rgb> direct;    ///< straight from emitters and punctual lights
-  Plane<Rgb> sky;       ///< straight from the sky
+  Plane<Rgb> direct;    ///< by shadow rays: straight from emitters, lights, bright parts of the sky
+  Plane<Rgb> sky;       ///< by gathering rays: straight from the sky, or what is left of it
   Plane<Rgb> indirect;  ///< after one diffuse reflection or more
   /// Share of the footprint that is not inside or behind other geometry, 0..1: all rays from a
   /// hidden point meet back faces. The path method, which sends few rays from a point at a time,

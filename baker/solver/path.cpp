@@ -19,6 +19,9 @@ constexpr std::uint32_t kBlockSamples = 16;
 /// Pairs of random numbers that one path vertex uses.
 enum Dimension : std::uint32_t { kDirection, kAreaPoint, kChoice, kDimensions };
 
+/// Tells the random numbers of the sky from those.
+constexpr std::uint32_t kSky = 0x736b79;
+
 /// A vertex of a path that is still on its way.
 struct Vertex {
   Vec3 origin, position, geometric_normal, shading_normal;
@@ -28,6 +31,17 @@ struct Vertex {
   /// Of each sixteen samples, the last eight make the second half.
   bool in_second_half() const { return (sample & 8) != 0; }
 };
+
+/// A direction of the sky.
+struct SkyArrival {
+  Vec3 direction;
+
+  ShadowRay shadow_ray(Vec3 /*origin*/) const {
+    return {direction, std::numeric_limits<float>::infinity()};
+  }
+};
+/// Each vertex draws one direction in either way.
+const SkyShares kShares{1, 1};
 
 struct Sums {
   Halves direct, sky, indirect;
@@ -46,6 +60,7 @@ class PathBundle {
       Halves& from_lights = bounce == 0 ? sums.direct : sums.indirect;
       add_area_light(bounce, from_lights);
       add_punctual_light(bounce, from_lights);
+      add_bright_sky(bounce, from_lights);
       extend(bounce, bounce == 0 ? sums.sky : sums.indirect);
     }
   }
@@ -121,6 +136,28 @@ class PathBundle {
     trace_shadows(sum);
   }
 
+  /// The bright parts of a sky map; extend() counts what this leaves of it.
+  void add_bright_sky(std::uint32_t bounce, Halves& sum) {
+    if (!in_.lights.has_bright_sky()) return;
+    const std::uint32_t seed = hash(seed_, kSky, bounce);
+    for (const Vertex& v : alive_) {
+      const SkyLight::Sample s = in_.lights.sky()->sample(sample_pair(v.sample, seed));
+      const float cosine = dot(v.shading_normal, s.direction);
+      if (cosine <= 0) continue;
+      const SkyArrival arrival{s.direction};
+      add_shadow_ray(v, arrival, s.seen.radiance * kShares.of_bright(s.seen.density, cosine));
+    }
+    trace_shadows(sum);
+  }
+
+  /// What a ray that left the vertex meets of the sky.
+  Rgb sky_seen(const Vertex& v, Vec3 direction) const {
+    if (!in_.lights.sky()) return in_.scene.sky;
+    const SkyLight::Seen seen = in_.lights.sky()->seen(direction);
+    const float cosine = std::max(0.f, dot(v.shading_normal, direction));
+    return seen.radiance * kShares.of_cosine(seen.density, cosine);
+  }
+
   /// Sends each path on by a cosine-distributed direction; those that end are dropped.
   void extend(std::uint32_t bounce, Halves& sky) {
     std::uint32_t kept = 0;
@@ -143,7 +180,8 @@ class PathBundle {
     for (std::uint32_t i = 0; i < kept; ++i) {
       Vertex v = paths[i];
       if (met.triangle[i] == kNoHit) {
-        sky.half[v.in_second_half()] += v.throughput * in_.scene.sky * kPi;
+        const Vec3 d{packet_.dir_x[i], packet_.dir_y[i], packet_.dir_z[i]};
+        sky.half[v.in_second_half()] += v.throughput * sky_seen(v, d) * kPi;
       } else if (bounce < in_.settings.bounces && reflect(v, met, i)) {
         paths[going++] = v;
       } else if (bounce == 0 && met.back[i]) {

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "baker/solver/sky_light.h"
 #include "proto/bake_settings.h"
 
 namespace kiln::baker {
@@ -14,6 +15,12 @@ struct SamplePlan {
   float target_error = 0;  ///< of the lightmap, see SampleRounds; 0: `most` for every texel
   bool coarse = true;      ///< gather indirect light at every second texel, see CoarseSites
 };
+
+/// The samples at first are what weighs the two ways of finding the sky: rounds add to either, and
+/// each estimates its own part of the sky's light whatever their number.
+inline SkyShares sky_shares(const SamplePlan& plan) {
+  return {float(plan.shadow_rays), float(plan.directions)};
+}
 
 SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&);
 

@@ -39,10 +39,11 @@ float percentile_95(std::vector<float>& values) {
 
 SampleRounds::SampleRounds(const SolverInput& in, std::uint32_t directions)
     : in_(in),
-      bank_(in.texels, in.scene.sky, in.filter && in.settings.method == proto::Method::kGather),
-      can_add_shadow_rays_(!in.lights.area().empty() &&
+      bank_(in.texels, in.scene.sky, in.filter && in.settings.method == proto::Method::kGather,
+            in.lights.sky() != nullptr),
+      can_add_shadow_rays_((!in.lights.area().empty() || in.lights.has_bright_sky()) &&
                            in.plan.most_shadow_rays > in.plan.shadow_rays),
-      can_add_directions_((in.settings.bounces > 0 || !is_black(in.scene.sky)) &&
+      can_add_directions_((in.settings.bounces > 0 || in.scene.has_sky()) &&
                           in.plan.most_directions > directions) {
   if (can_add_shadow_rays_) limit_ = doublings(in.plan.shadow_rays, in.plan.most_shadow_rays);
   if (can_add_directions_) {

@@ -43,7 +43,7 @@ class Observer : public baker::BakeObserver {
 
 proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   baker::BakeInput input;
-  auto settings = flags.settings.settings();
+  auto settings = flags.scene.settings(flags.settings).settings();
   if (!settings) return proto::Unexpected(std::move(settings.error()));
   input.settings = std::move(*settings);
   std::error_code error;
@@ -52,9 +52,9 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   auto digest = proto::digest_file(flags.scene.path);
   if (!digest) return proto::Unexpected(std::move(digest.error()));
   input.scene_sha256 = std::move(digest->sha256);
-  auto side = flags.scene.side_files();
+  auto side = flags.scene.side_files(input.settings);
   if (!side) return proto::Unexpected(std::move(side.error()));
-  input.files = {flags.scene.path, std::move(*side)};
+  input.files = {flags.scene.path, std::move(*side), input.settings.sky.map};
   // By the service's path, but for its limits: who bakes here has chosen the scene and the machine.
   input.source = server::Importer({}).open(input.files, input.scene_key, {});
   std::filesystem::create_directories(flags.out, error);
@@ -116,6 +116,7 @@ void add_bake(CLI::App& app, Run& run) {
   lightkiln bake room.glb -o out/
   lightkiln bake room.gltf -o out/ --set solver.samples=64 --set atlas.page_size=512
   lightkiln bake dark.glb -o out/ --set sky.radiance=[1,1,1]
+  lightkiln bake yard.glb -o out/ --sky noon_4k.exr --set sky.scale=20000
   lightkiln bake room.glb -o out/ --settings bake.json --json > manifest.json
 
 Writes page_NN.exr (irradiance in lux), page_NN.png (previews), lit.glb and manifest.json: exactly

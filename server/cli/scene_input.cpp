@@ -1,6 +1,9 @@
 #include "server/cli/scene_input.h"
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "proto/json.h"
 
 namespace kiln::cli {
 
@@ -14,6 +17,25 @@ void SceneInput::add_flags(CLI::App& command) {
                   "times")
       ->type_name("FILE")
       ->take_all();
+  command
+      .add_option(
+          "--sky", sky,
+          "A sky by direction, equirectangular OpenEXR or Radiance HDR: the setting sky.map "
+          "and its file")
+      ->type_name("FILE");
+}
+
+SettingsInput SceneInput::settings(SettingsInput given) const {
+  // Other than a bare name, one in quotes can't be taken for null.
+  const std::string name = std::filesystem::path(sky).filename().string();
+  if (!sky.empty()) given.sets.push_back("sky.map=" + proto::to_text(nlohmann::json(name)));
+  return given;
+}
+
+proto::Expected<SideFiles> SceneInput::side_files(const proto::BakeSettings& settings) const {
+  std::vector<std::string> named = side;
+  if (!sky.empty()) named.push_back(sky);
+  return all_side_files(path, named, settings.sky.map);
 }
 
 }  // namespace kiln::cli

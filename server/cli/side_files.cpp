@@ -79,13 +79,17 @@ bool has_scheme(std::string_view uri) {
   return colon != uri.npos && uri.substr(0, colon).find('/') == uri.npos;
 }
 
+fs::path folder_of(const fs::path& scene) {
+  return scene.has_parent_path() ? scene.parent_path() : fs::path(".");
+}
+
 }  // namespace
 
 SideFiles find_side_files(const fs::path& scene) {
   SideFiles out;
+  const fs::path folder = folder_of(scene);
   const auto doc = proto::parse_json(json_text(scene), "scene");
   if (!doc || !doc->is_object()) return out;
-  const fs::path folder = scene.has_parent_path() ? scene.parent_path() : fs::path(".");
   for (const char* list : {"buffers", "images"}) {
     if (!doc->contains(list) || !doc->at(list).is_array()) continue;
     for (const auto& item : doc->at(list)) {
@@ -101,7 +105,8 @@ SideFiles find_side_files(const fs::path& scene) {
 }
 
 proto::Expected<SideFiles> all_side_files(const fs::path& scene,
-                                          const std::vector<std::string>& named) {
+                                          const std::vector<std::string>& named,
+                                          const std::optional<std::string>& sky_map) {
   SideFiles out;
   for (const auto& text : named) {
     const fs::path path(text);
@@ -112,7 +117,10 @@ proto::Expected<SideFiles> all_side_files(const fs::path& scene,
       return proto::fail("missing_file",
                          "two side files are named \"" + path.filename().string() + "\"");
   }
-  for (auto& [name, path] : find_side_files(scene)) {
+  SideFiles beside = find_side_files(scene);
+  if (sky_map)
+    if (auto file = inside(folder_of(scene), *sky_map)) beside.emplace(*sky_map, std::move(*file));
+  for (auto& [name, path] : beside) {
     const std::string last = fs::path(name).filename().string();
     if (!out.count(name) && !(out.count(last) && last != name)) out.emplace(name, path);
   }

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,9 +18,11 @@ using SideFiles = std::map<std::string, std::filesystem::path>;
 /// not exist: the import says what is wrong with those. A scene that can't be read names nothing.
 SideFiles find_side_files(const std::filesystem::path& scene);
 
-/// find_side_files() and those that the user names, each under its file name; the user's win.
+/// find_side_files(), the sky map of the settings if it lies there too, and those that the user
+/// names, each under its file name; the user's win.
 /// Errors: `missing_file` when one of the user's can't be read or two share a name.
 proto::Expected<SideFiles> all_side_files(const std::filesystem::path& scene,
-                                          const std::vector<std::string>& named);
+                                          const std::vector<std::string>& named,
+                                          const std::optional<std::string>& sky_map = {});
 
 }  // namespace kiln::cli

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 
+#include "proto/json.h"
 #include "server/cli/commands.h"
 #include "server/cli/remote.h"
 #include "server/cli/report.h"
@@ -40,9 +41,11 @@ proto::Expected<proto::JobOptions> options_of(const SubmitFlags& flags) {
 }
 
 proto::Expected<clients::Submission> submission_of(const SubmitFlags& flags) {
-  auto settings = flags.settings.document();
+  auto settings = flags.scene.settings(flags.settings).document();
   if (!settings) return proto::Unexpected(std::move(settings.error()));
-  auto side = flags.scene.side_files();
+  const auto parsed = proto::parse_settings(*settings);
+  if (!parsed) return proto::Unexpected(parsed.error());
+  auto side = flags.scene.side_files(*parsed);
   if (!side) return proto::Unexpected(std::move(side.error()));
   auto options = options_of(flags);
   if (!options) return proto::Unexpected(std::move(options.error()));

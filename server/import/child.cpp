@@ -82,6 +82,7 @@ Expected<baker::SceneFiles> map_files(const ImportRequest& request) {
     else
       files.side[file.name] = path;
   }
+  files.sky_map = request.sky_map;
   files.opened = std::move(opened);
   return files;
 }

@@ -69,7 +69,7 @@ class IsolatedSource final : public baker::SceneSource {
                  const std::string& scene_key, fs::path cache)
       : options_(options),
         files_(std::move(files)),
-        key_(baker::import_key(scene_key, options_.limits)),
+        key_(baker::import_key(scene_key, options_.limits, files_.sky_map)),
         cache_(std::move(cache)) {}
 
   Expected<baker::Scene> import(std::stop_token stop) override {

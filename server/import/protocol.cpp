@@ -66,6 +66,7 @@ std::string request_text(const ImportRequest& r) {
                          {"memory_bytes", r.memory_bytes},
                          {"seconds", r.seconds},
                          {"files", std::move(files)},
+                         {"sky_map", r.sky_map ? json(*r.sky_map) : json(nullptr)},
                          {"product", r.product},
                          {"scene", r.scene},
                          {"lit", r.lit}});
@@ -87,6 +88,8 @@ Expected<ImportRequest> parse_request(const std::string& text) {
     document->at("seconds").get_to(r.seconds);
     for (const json& file : document->at("files"))
       r.files.push_back({file.at("name").get<std::string>(), file.at("fd").get<int>()});
+    if (const json& name = document->at("sky_map"); !name.is_null())
+      r.sky_map = name.get<std::string>();
     document->at("product").get_to(r.product);
     document->at("scene").get_to(r.scene);
     document->at("lit").get_to(r.lit);

@@ -31,12 +31,13 @@ struct ImportRequest {
   std::string key;       ///< import_key() of the scene file, which is written or read
   std::string settings;  ///< of a check: JSON
   baker::ImportLimits limits;
-  std::uint64_t memory_bytes = 0;  ///< 0: no limit
-  std::uint32_t seconds = 0;       ///< of processor time; 0: no limit
-  std::vector<ImportFile> files;   ///< the upload, main file first
-  int product = -1;                ///< to write: scene file, lit.glb
-  int scene = -1;                  ///< of kLit: the scene file
-  int lit = -1;                    ///< of kLit: the lit request (baker/output/lit_request.h)
+  std::uint64_t memory_bytes = 0;      ///< 0: no limit
+  std::uint32_t seconds = 0;           ///< of processor time; 0: no limit
+  std::vector<ImportFile> files;       ///< the upload, main file first
+  std::optional<std::string> sky_map;  ///< of an import: name of the file that is the sky map
+  int product = -1;                    ///< to write: scene file, lit.glb
+  int scene = -1;                      ///< of kLit: the scene file
+  int lit = -1;                        ///< of kLit: the lit request (baker/output/lit_request.h)
 };
 
 /// What keeps an import process in.

@@ -60,9 +60,17 @@ class Inheritance {
 
 Expected<ImportRequest> make_request(const ImportProcessOptions& options, const ImportJob& job,
                                      Inheritance& files) {
-  ImportRequest request{
-      job.work,        job.key, job.settings,           job.limits,           options.memory_bytes,
-      options.seconds, {},      files.add(job.product), files.add(job.scene), files.add(job.lit)};
+  ImportRequest request{job.work,
+                        job.key,
+                        job.settings,
+                        job.limits,
+                        options.memory_bytes,
+                        options.seconds,
+                        {},
+                        job.files.sky_map,
+                        files.add(job.product),
+                        files.add(job.scene),
+                        files.add(job.lit)};
   if (job.work == ImportWork::kProbe) return request;
   const auto main = files.open(job.files.main);
   if (!main) return Unexpected(main.error());

@@ -9,6 +9,7 @@
 #include "proto/json.h"
 #include "support/gltf_builder.h"
 #include "support/png_builder.h"
+#include "support/sky_files.h"
 
 using namespace kiln;
 namespace fs = std::filesystem;
@@ -122,6 +123,20 @@ void make_scenes(const fs::path& root) {
   for (const auto& document : documents()) add(document);
 }
 
+void make_skies(const fs::path& root) {
+  Seeds seeds(root, "sky");
+  const test::SkyPicture sky(16, [](baker::Vec3 d) -> baker::Rgb {
+    return d.x > 0.8f ? baker::Rgb{800, 400, 100} : baker::Rgb{0.2f, 0.25f + d.z / 8, 0.5f};
+  });
+  for (const auto rows : {test::HdrRows::kPacked, test::HdrRows::kPlain, test::HdrRows::kRepeated})
+    seeds.add(test::hdr_file(sky, rows, "EXPOSURE=2\n"));
+  for (int compression = 0; compression <= 9; ++compression)
+    for (const bool half : {false, true})
+      seeds.add(test::exr_file(sky, {half, false, compression}));
+  for (const int compression : {0, 3, 4, 7, 8})
+    seeds.add(test::exr_file(sky, {true, true, compression, {"R", "G", "B", "A"}}));
+}
+
 void make_settings(const fs::path& root) {
   Seeds seeds(root, "settings");
   const auto all = proto::to_json(proto::BakeSettings{});
@@ -170,6 +185,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   make_scenes(argv[1]);
+  make_skies(argv[1]);
   make_settings(argv[1]);
   make_requests(argv[1]);
   return 0;

@@ -20,6 +20,7 @@
 #include "import/slow_scene.h"
 #include "server/import/importer.h"
 #include "support/sanitizer.h"
+#include "support/sky_files.h"
 #include "support/temp_files.h"
 
 namespace kiln::server {
@@ -175,6 +176,63 @@ TEST(ImportProcess, SideFilesAreGivenAlong) {
   files.side["data/a b.bin"] = folder.write("blob", binary);
   files.side["unused"] = folder.write("empty", "");
   EXPECT_EQ(isolated.code_of(files), "");
+}
+
+TEST(ImportProcess, SkyMapsAreDecodedThere) {
+  const test::SkyPicture sky(64, [](baker::Vec3 d) -> baker::Rgb {
+    return d.x > 0.95f ? baker::Rgb{900, 800, 700} : baker::Rgb{0.2f, 0.4f, d.y > 0 ? 1.f : 0.1f};
+  });
+  Isolated isolated;
+  Scene scene(baker::generate_glb("sphere_on_plane").value());
+  const std::string cut = exr_file(sky);
+  scene.files.side["sky.exr"] = scene.folder.write("exr", exr_file(sky, {.compression = 4}));
+  scene.files.side["sky.hdr"] = scene.folder.write("hdr", hdr_file(sky));
+  scene.files.side["bad.exr"] = scene.folder.write("bad", cut.substr(0, cut.size() / 2));
+  std::vector<std::string> exr;
+  for (const char* name : {"sky.exr", "sky.hdr"})
+    for (const bool in_process : {true, false}) {
+      const TempFolder out;
+      baker::BakeInput input;
+      input.files = scene.files;
+      input.output_dir = out.path();
+      input.settings.sky.map = name;
+      input.settings.atlas.page_size = 64;
+      input.settings.solver.samples = 16;
+      baker::SceneFiles with_sky = scene.files;
+      with_sky.sky_map = name;
+      if (!in_process) input.source = Importer(isolated.options).open(with_sky, "key", {});
+      baker::ThreadPool pool(2);
+      baker::BakeObserver quiet;
+      const auto manifest = baker::bake(input, pool, {}, quiet);
+      ASSERT_TRUE(manifest) << manifest.error().message;
+      exr.push_back(test::read_bytes(out.path() / "page_00.exr"));
+    }
+  EXPECT_GT(exr[0].size(), 1000u);
+  EXPECT_TRUE(exr[0] == exr[1]);
+  EXPECT_TRUE(exr[2] == exr[3]);
+
+  // Another map is another import, and errors come through.
+  const int before = isolated.started;
+  for (const char* name : {"sky.exr", "sky.hdr", "sky.hdr"}) {
+    scene.files.sky_map = name;
+    const auto imported = isolated.import(scene.files);
+    ASSERT_TRUE(imported) << imported.error().message;
+    EXPECT_EQ(imported->sky_map.texels.size(), sky.pixels.size());
+  }
+  EXPECT_EQ(isolated.started, before + 2);
+  proto::BakeSettings settings;
+  for (const auto& [name, code] :
+       {std::pair("bad.exr", "invalid_image"), std::pair("no.exr", "missing_file")}) {
+    scene.files.sky_map = settings.sky.map = name;
+    const auto imported = isolated.import(scene.files);
+    ASSERT_FALSE(imported);
+    EXPECT_EQ(imported.error().code, code);
+    EXPECT_EQ(imported.error().details.at(0).pointer, "/sky/map");
+  }
+  const auto checked = Importer(isolated.options).check(scene.files, settings);
+  ASSERT_FALSE(checked);
+  EXPECT_EQ(checked.error().details.at(0).pointer, "/sky/map");
+  EXPECT_EQ(isolated.failed, "");
 }
 
 TEST(ImportProcess, IsConfined) {

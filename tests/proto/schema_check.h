@@ -55,6 +55,8 @@ inline bool keyword_fits(const nlohmann::json& schema, const std::string& keywor
   if (keyword == "maximum") return !v.is_number() || v.get<double>() <= rule.get<double>();
   if (keyword == "maxLength")
     return !v.is_string() || v.get_ref<const std::string&>().size() <= rule.get<std::size_t>();
+  if (keyword == "minLength")
+    return !v.is_string() || v.get_ref<const std::string&>().size() >= rule.get<std::size_t>();
   if (keyword == "minItems") return !v.is_array() || v.size() >= rule.get<std::size_t>();
   if (keyword == "maxItems") return !v.is_array() || v.size() <= rule.get<std::size_t>();
   if (keyword == "uniqueItems")

@@ -61,6 +61,9 @@ std::vector<json> candidates(const SettingSpec& s) {
   out.push_back(json::array({0, "1", 0}));
   out.push_back(json::array({kShortest, -kShortest, 0}));
   out.push_back(json::array({kShortest * 1.001, 0, 0}));
+  if (s.kind == ValueKind::kText)
+    for (const double length : {s.max, s.max + 1})
+      out.emplace_back(std::string(static_cast<std::size_t>(length), 'x'));
   json words = json::array();
   for (const auto word : s.choices) {
     const std::string w(word);

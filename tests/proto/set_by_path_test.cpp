@@ -44,6 +44,20 @@ TEST(SetByPath, ListsOfWordsByCommas) {
   EXPECT_EQ(doc["output"]["layers"], json::array({"direct"}));
 }
 
+TEST(SetByPath, TextsNeedNoQuotes) {
+  for (const auto& [text, value] : {std::pair<std::string, json>{"noon.exr", "noon.exr"},
+                                    {"4k noon=1.hdr", "4k noon=1.hdr"},
+                                    {"12", "12"},
+                                    {"[1]", "[1]"},
+                                    {"\"null\"", "null"},
+                                    {"null", nullptr}}) {
+    const json doc = set({("sky.map=" + text).c_str()});
+    EXPECT_EQ(doc["sky"]["map"], value);
+    EXPECT_TRUE(settings_from_json(doc)) << text;
+  }
+  EXPECT_FALSE(settings_from_json(set({"sky.map="})));
+}
+
 TEST(SetByPath, Lights) {
   const json doc = set({"lights.0.type=point", "lights.0.intensity=5", "lights.1.type=rect"});
   EXPECT_EQ(doc, json::parse(R"({"lights": [{"type": "point", "intensity": 5},

@@ -40,7 +40,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
                "hit_memory_mib": 12, "coarse_indirect": false,
                 "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991},
-    "sky": {"radiance": [0.1, 2, 3000.7]},
+    "sky": {"radiance": [0.1, 2, 3000.7], "map": "skies/n\u00f6n.exr", "scale": 0.5,
+            "rotation": -90},
     "lights": [
       {"type": "directional", "color": [1, 0.5, 0.25], "intensity": 3.3, "direction": [0, -2, 1]},
       {"type": "point", "color": [1, 1, 1], "intensity": 0, "position": [1, 2, 3], "range": null},

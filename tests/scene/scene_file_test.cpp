@@ -42,6 +42,7 @@ Scene rich_scene() {
   spot.intensity = {1, 2, 3};
   spot.cos_inner = 0.9f;
   scene.lights.push_back(spot);
+  scene.sky_map = {4, 2, std::vector<Rgb>(8, {1, 2, 3})};
   scene.warnings.push_back({"some_code", "/nodes/1", "grüße"});
   return scene;
 }
@@ -95,6 +96,16 @@ TEST(SceneFile, EveryTruncationIsAnError) {
   for (std::size_t n = 0; n < bytes.size(); ++n)
     ASSERT_EQ(code_of(bytes.substr(0, n)), "bad_document") << n;
   EXPECT_EQ(code_of(bytes + '\0'), "bad_document");
+}
+
+TEST(SceneFile, GivesBackTheSkyMap) {
+  const std::string bytes = bytes_of(rich_scene());
+  const auto back = read_scene_file(bytes, kKey);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->sky_map.width, 4u);
+  EXPECT_EQ(back->sky_map.height, 2u);
+  EXPECT_EQ(back->sky_map.texels, rich_scene().sky_map.texels);
+  EXPECT_TRUE(bytes_of(*back) == bytes);
 }
 
 TEST(SceneFile, FlippedBitsAreAnErrorOrAnotherValidScene) {
@@ -175,6 +186,13 @@ TEST(SceneFile, WhatNoImportMakesIsRefused) {
       [](Scene& s) { s.lights[0].intensity.g = -1; },
       [](Scene& s) { s.lights[0].cos_outer = 2; },
       [](Scene& s) { s.lights[0].range = -1; },
+      [](Scene& s) { s.sky_map.texels[7].b = -1; },
+      [](Scene& s) { s.sky_map.texels[0].r = std::nanf(""); },
+      [](Scene& s) { s.sky_map.texels[3].g = 2e12f; },
+      [](Scene& s) { s.sky_map.texels.pop_back(); },
+      [](Scene& s) { s.sky_map.height = 3; },
+      [](Scene& s) { s.sky_map.width = 8, s.sky_map.height = 1; },
+      [](Scene& s) { s.sky_map.width = 0, s.sky_map.height = 0; },
       [](Scene& s) { s.warnings[0].message = "\xc3"; },
   };
   for (std::size_t i = 0; i < lies.size(); ++i)
@@ -188,6 +206,8 @@ TEST(SceneFile, IsOfOneSceneAndItsLimits) {
   EXPECT_EQ(code_of(bytes, import_key("another scene", {})), "bad_document");
   EXPECT_EQ(code_of(bytes, import_key("a scene", few)), "bad_document");
   EXPECT_EQ(code_of(bytes, import_key("a scene", {})), "");
+  EXPECT_EQ(code_of(bytes, import_key("a scene", {}, "sky.exr")), "bad_document");
+  EXPECT_NE(import_key("a scene", {}, "sky.exr"), import_key("a scene", {}, "night.exr"));
 }
 
 TEST(SceneFile, AStopRequestEndsTheReading) {

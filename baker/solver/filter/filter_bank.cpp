@@ -11,15 +11,26 @@ namespace {
 constexpr std::uint32_t kRunTexels = 2048;
 constexpr int kCount = SurfaceNeighbours::kCount;
 
-/// The colour of the light, red, green, blue, and the sky's luminance.
+/// The colour of the light, red, green, blue, and the sky's: its luminance, or if that is not
+/// enough its own red, green, blue.
+template <std::size_t kChannels>
 struct alignas(16) Colour {
-  float c[4];
+  float c[kChannels];
 
   Colour& add(float weight, const Colour& o) {
-    for (int i = 0; i < 4; ++i) c[i] += weight * o.c[i];
+    for (std::size_t i = 0; i < kChannels; ++i) c[i] += weight * o.c[i];
     return *this;
   }
 };
+using PlainColour = Colour<4>;
+using SkyColour = Colour<6>;
+
+float all_light(const PlainColour& l) {
+  return luminance({l.c[0], l.c[1], l.c[2]}) + l.c[3];
+}
+float all_light(const SkyColour& l) {
+  return luminance({l.c[0], l.c[1], l.c[2]}) + luminance({l.c[3], l.c[4], l.c[5]});
+}
 
 /// The light's luminance by two halves of the samples.
 struct Luminances {
@@ -109,14 +120,15 @@ class Surroundings {
 
 /// The filters over one signal, in steps; each reads what the steps before left of the texels
 /// around.
+template <class Colour>
 class Filtering {
  public:
   Filtering(const Surroundings& around, std::uint32_t texels)
       : around_(around), colour_(texels), none_(texels) {}
 
-  void set(std::uint32_t t, Rgb mean, float sky, float spread) {
-    colour_[t] = {{mean.r, mean.g, mean.b, sky}};
-    const float all = luminance(mean) + sky;
+  void set(std::uint32_t t, const Colour& mean, float spread) {
+    colour_[t] = mean;
+    const float all = all_light(mean);
     none_[t] = {all + spread, all - spread};
   }
 
@@ -172,8 +184,10 @@ class Filtering {
   void smooth_errors(std::uint32_t t) { smooth_errors_[t] = mean(errors_, t); }
 
   struct Chosen {
-    Rgb light;
-    float sky = 0, variance = 0;
+    Colour light;
+    float variance = 0;
+
+    Rgb first_three() const { return {light.c[0], light.c[1], light.c[2]}; }
   };
   Chosen choose(std::uint32_t t) const {
     const Errors e = mean(smooth_errors_, t);
@@ -191,8 +205,7 @@ class Filtering {
       sum.add(w, filtered[c]);
       error += w * std::max(e[c], 0.f), weight += w;
     }
-    const Colour mean = Colour{}.add(1 / weight, sum);
-    return {{mean.c[0], mean.c[1], mean.c[2]}, mean.c[3], error / weight};
+    return {Colour{}.add(1 / weight, sum), error / weight};
   }
 
  private:
@@ -231,8 +244,8 @@ using Each = std::function<bool(const std::function<void(std::uint32_t)>&)>;
 /// Filters a signal, or, if it is not to be smoothed, tells its variance.
 /// @param set puts the light of a texel into the signal
 /// @param put takes the filtered light; @param put_variance the variance alone
-template <class Set, class Put, class PutVariance>
-bool filter(Filtering signal, const Each& each, bool smooth, const Set& set, const Put& put,
+template <class Colour, class Set, class Put, class PutVariance>
+bool filter(Filtering<Colour> signal, const Each& each, bool smooth, const Set& set, const Put& put,
             const PutVariance& put_variance) {
   if (!each([&](std::uint32_t t) { set(signal, t); })) return false;
   if (!smooth) return each([&](std::uint32_t t) { put_variance(t, signal.variance(t)); });
@@ -240,7 +253,7 @@ bool filter(Filtering signal, const Each& each, bool smooth, const Set& set, con
   return each([&](std::uint32_t t) { signal.smooth_once(t); }) &&
          each([&](std::uint32_t t) { signal.smooth_twice(t); }) &&
          each([&](std::uint32_t t) { signal.smooth_errors(t); }) && each([&](std::uint32_t t) {
-           const Filtering::Chosen chosen = signal.choose(t);
+           const auto chosen = signal.choose(t);
            put(t, chosen);
            put_variance(t, chosen.variance);
          });
@@ -263,25 +276,47 @@ std::optional<FilteredLight> FilterBank::run(const Lightmap& light, const Worker
   if (smooth_)
     for (auto* plane : {&out.direct, &out.sky, &out.indirect}) plane->renew();
   const bool direct = filter(
-      Filtering(around, count), each, smooth_,
-      [&](Filtering& signal, std::uint32_t t) {
-        signal.set(t, light.direct[t], 0, light.direct_spread[t]);
+      Filtering<PlainColour>(around, count), each, smooth_,
+      [&](auto& signal, std::uint32_t t) {
+        const Rgb d = light.direct[t];
+        signal.set(t, {{d.r, d.g, d.b, 0}}, light.direct_spread[t]);
       },
-      [&](std::uint32_t t, const Filtering::Chosen& c) { out.direct[t] = c.light; },
+      [&](std::uint32_t t, const auto& chosen) { out.direct[t] = chosen.first_three(); },
       [&](std::uint32_t t, float variance) { out.direct_variance[t] = variance; });
   if (!direct) return std::nullopt;
-  // Uniform over all directions, the sky has one colour on all texels.
-  const Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
-  const bool gathered = filter(
-      Filtering(around, count), each, smooth_,
-      [&](Filtering& signal, std::uint32_t t) {
-        signal.set(t, light.indirect[t], luminance(light.sky[t]),
-                   light.indirect_spread[t] + light.sky_spread[t]);
-      },
-      [&](std::uint32_t t, const Filtering::Chosen& c) {
-        out.indirect[t] = c.light, out.sky[t] = colour * c.sky;
-      },
-      [&](std::uint32_t t, float variance) { out.gathered_variance[t] = variance; });
+  const auto put_variance = [&](std::uint32_t t, float variance) {
+    out.gathered_variance[t] = variance;
+  };
+  const auto spread = [&](std::uint32_t t) {
+    return light.indirect_spread[t] + light.sky_spread[t];
+  };
+  bool gathered = false;
+  if (has_sky_map_) {
+    gathered = filter(
+        Filtering<SkyColour>(around, count), each, smooth_,
+        [&](auto& signal, std::uint32_t t) {
+          const Rgb i = light.indirect[t], s = light.sky[t];
+          signal.set(t, {{i.r, i.g, i.b, s.r, s.g, s.b}}, spread(t));
+        },
+        [&](std::uint32_t t, const auto& chosen) {
+          out.indirect[t] = chosen.first_three();
+          out.sky[t] = {chosen.light.c[3], chosen.light.c[4], chosen.light.c[5]};
+        },
+        put_variance);
+  } else {
+    // Uniform over all directions, the sky has one colour on all texels.
+    const Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
+    gathered = filter(
+        Filtering<PlainColour>(around, count), each, smooth_,
+        [&](auto& signal, std::uint32_t t) {
+          const Rgb i = light.indirect[t];
+          signal.set(t, {{i.r, i.g, i.b, luminance(light.sky[t])}}, spread(t));
+        },
+        [&](std::uint32_t t, const auto& chosen) {
+          out.indirect[t] = chosen.first_three(), out.sky[t] = colour * chosen.light.c[3];
+        },
+        put_variance);
+  }
   if (!gathered) return std::nullopt;
   return out;
 }

@@ -35,8 +35,13 @@ class FilterBank {
   /// @param smooth false: the light stays as it is, and its variance is the mean of its squared
   /// spread over the texels around
   /// @param sky its radiance, the same in every direction
-  FilterBank(const TextureGroup& texels, Rgb sky, bool smooth)
-      : texels_(texels), neighbours_(texels), sky_(sky), smooth_(smooth) {}
+  /// @param has_sky_map the sky has its own colour on every texel
+  FilterBank(const TextureGroup& texels, Rgb sky, bool smooth, bool has_sky_map = false)
+      : texels_(texels),
+        neighbours_(texels),
+        sky_(sky),
+        smooth_(smooth),
+        has_sky_map_(has_sky_map) {}
 
   /// Nothing when stopped.
   std::optional<FilteredLight> run(const Lightmap&, const Workers&);
@@ -45,7 +50,7 @@ class FilterBank {
   const TextureGroup& texels_;
   SurfaceNeighbours neighbours_;
   Rgb sky_;
-  bool smooth_, linked_ = false;
+  bool smooth_, has_sky_map_, linked_ = false;
 };
 
 }  // namespace kiln::baker

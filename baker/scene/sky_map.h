@@ -1,0 +1,25 @@
+#pragma once
+
+#include <stop_token>
+#include <string>
+
+#include "baker/scene/gltf_document.h"
+#include "baker/scene/scene.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// The setting sky.map: `name` is that of a side file, OpenEXR or Radiance by its first bytes.
+/// Errors have the place /sky/map of the settings.
+
+/// Everything short of decoding: that the file is there, and what its header says.
+/// Errors: `missing_file`, `invalid_image`, `limit_exceeded`.
+proto::Expected<void> check_sky_map(Document&, const std::string& name, const ImportLimits&);
+
+/// Decodes it into scene.sky_map. Negative values become 0, with a warning. Errors: those of
+/// check_sky_map(), `canceled`; values that are infinite, no number, or above kMaxSkyValue are
+/// `invalid_image`: dropping them could drop the sun.
+proto::Expected<void> load_sky_map(Document&, Scene&, const std::string& name, const ImportLimits&,
+                                   const std::stop_token&);
+
+}  // namespace kiln::baker

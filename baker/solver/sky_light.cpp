@@ -1,0 +1,106 @@
+#include "baker/solver/sky_light.h"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace kiln::baker {
+namespace {
+
+/// Less than this share of the light is not worth rays of its own.
+constexpr double kWorthwhile = 1e-3;
+
+/// cosθ at the upper edge of a row.
+double edge_cosine(std::uint32_t row, std::uint32_t rows) {
+  return std::cos(double(kPi) * row / rows);
+}
+
+/// Of each pixel of a row, sr.
+double solid_angle(const SkyMap& map, std::uint32_t row) {
+  return (edge_cosine(row, map.height) - edge_cosine(row + 1, map.height)) * 2 * double(kPi) /
+         map.width;
+}
+
+/// Calls `use(row, sr)` for each row.
+template <class Use>
+void for_rows(const SkyMap& map, const Use& use) {
+  for (std::uint32_t y = 0; y < map.height; ++y) use(y, solid_angle(map, y));
+}
+
+/// The interval that holds `u`, by the ends of all, and where within it, [0, 1).
+struct Place {
+  std::size_t index;
+  float within;
+};
+Place find(std::span<const float> ends, float u) {
+  const auto at = std::upper_bound(ends.begin(), ends.end() - 1, u);
+  const float begin = at == ends.begin() ? 0 : *(at - 1);
+  return {std::size_t(at - ends.begin()),
+          std::clamp((u - begin) / (*at - begin), 0.f, 0x0.ffffffp0f)};
+}
+
+}  // namespace
+
+SkyLight::SkyLight(const Scene& scene) : uniform_(scene.sky), map_(scene.sky_map) {
+  const std::size_t width = map_.width;
+  double power = 0;
+  for_rows(map_, [&](std::uint32_t y, double sr) {
+    double sum = 0;
+    for (std::size_t x = 0; x < width; ++x) sum += double(luminance(map_.texels[y * width + x]));
+    power += sum * sr;
+  });
+  const double sphere = 4 * double(kPi);
+  floor_ = float(power / sphere);
+  std::vector<double> rows;
+  pixel_ends_.resize(map_.texels.size());
+  double excess = 0;
+  for_rows(map_, [&](std::uint32_t y, double sr) {
+    double sum = 0;
+    const auto pixel = [&](std::size_t x) {
+      return double(std::max(0.f, luminance(map_.texels[y * width + x]) - floor_));
+    };
+    for (std::size_t x = 0; x < width; ++x) sum += pixel(x);
+    double below = 0;
+    for (std::size_t x = 0; x < width && sum > 0; ++x)
+      pixel_ends_[y * width + x] = float((below += pixel(x)) / sum);
+    rows.push_back(excess += sum * sr);
+  });
+  const double uniform = double(luminance(uniform_)) * sphere / double(map_.scale);
+  if (excess <= kWorthwhile * (power + uniform)) {
+    pixel_ends_ = {};
+    return;
+  }
+  per_excess_ = float(1 / excess);
+  for (const double end : rows) row_ends_.push_back(float(end / excess));
+}
+
+SkyLight::Seen SkyLight::seen(std::size_t pixel) const {
+  const Rgb c = map_.texels[pixel];
+  return {uniform_ + c * map_.scale, per_excess_ * std::max(0.f, luminance(c) - floor_)};
+}
+
+SkyLight::Seen SkyLight::seen(Vec3 d) const {
+  const float theta = std::atan2(std::sqrt(d.x * d.x + d.z * d.z), d.y);
+  float turn = (std::atan2(d.z, d.x) + map_.rotation) / (2 * kPi) + 0.5f;
+  turn -= std::floor(turn);
+  const auto y = std::min(map_.height - 1, std::uint32_t(theta / kPi * float(map_.height)));
+  const auto x = std::min(map_.width - 1, std::uint32_t(turn * float(map_.width)));
+  return seen(std::size_t(y) * map_.width + x);
+}
+
+SkyLight::Sample SkyLight::sample(Vec2 u) const {
+  const Place row = find(row_ends_, u.y);
+  const std::size_t first = row.index * map_.width;
+  const Place column = find(std::span(pixel_ends_).subspan(first, map_.width), u.x);
+  const auto y = std::uint32_t(row.index);
+  // In double: close to the pole, what is left of 1 is the sine.
+  const double top = edge_cosine(y, map_.height), bottom = edge_cosine(y + 1, map_.height);
+  const double up = top + (bottom - top) * double(row.within);
+  const double flat = std::sqrt(std::max(0., (1 - up) * (1 + up)));
+  const float turn = (float(column.index) + column.within) / float(map_.width) - 0.5f;
+  const float phi = turn * 2 * kPi - map_.rotation;
+  return {{float(flat) * std::cos(phi), float(up), float(flat) * std::sin(phi)},
+          seen(first + column.index)};
+}
+
+}  // namespace kiln::baker
