@@ -26,8 +26,8 @@ constexpr double kHit = 4;
 constexpr double kOwnPages = 512, kGathered = 0.7;
 // Bytes per triangle: ray tracing, look-ups, charts.
 constexpr double kTriangle = 300;
-// Bytes per pixel of a sky map: its colour, and how to find it.
-constexpr double kSkyPixel = 16;
+// Bytes per pixel of a sky map, which is in memory twice while it is read.
+constexpr double kSkyPixel = 24;
 // Bytes per texel square of a page: its map, twice.
 constexpr double kSquare = 8;
 // While one page is written: an image for each layer, padding, encoders.

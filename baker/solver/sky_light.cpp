@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <span>
 
 namespace kiln::baker {
@@ -9,22 +10,14 @@ namespace {
 
 /// Less than this share of the light is not worth rays of its own.
 constexpr double kWorthwhile = 1e-3;
+/// And less than this can't be divided by.
+constexpr double kLeastExcess = 1e-30;
 
-/// cosθ at the upper edge of a row.
-double edge_cosine(std::uint32_t row, std::uint32_t rows) {
-  return std::cos(double(kPi) * row / rows);
-}
-
-/// Of each pixel of a row, sr.
-double solid_angle(const SkyMap& map, std::uint32_t row) {
-  return (edge_cosine(row, map.height) - edge_cosine(row + 1, map.height)) * 2 * double(kPi) /
-         map.width;
-}
-
-/// Calls `use(row, sr)` for each row.
-template <class Use>
-void for_rows(const SkyMap& map, const Use& use) {
-  for (std::uint32_t y = 0; y < map.height; ++y) use(y, solid_angle(map, y));
+/// cosθ at the edges of the rows.
+std::vector<double> edge_cosines(std::uint32_t rows) {
+  std::vector<double> edges;
+  for (std::uint32_t y = 0; y <= rows; ++y) edges.push_back(std::cos(std::numbers::pi * y / rows));
+  return edges;
 }
 
 /// The interval that holds `u`, by the ends of all, and where within it, [0, 1).
@@ -41,20 +34,26 @@ Place find(std::span<const float> ends, float u) {
 
 }  // namespace
 
-SkyLight::SkyLight(const Scene& scene) : uniform_(scene.sky), map_(scene.sky_map) {
+SkyLight::SkyLight(const Scene& scene)
+    : uniform_(scene.sky), map_(scene.sky_map), edge_cosines_(edge_cosines(map_.height)) {
   const std::size_t width = map_.width;
+  // Calls `use(row, solid angle of each of its pixels)`.
+  const auto for_rows = [&](const auto& use) {
+    for (std::size_t y = 0; y < map_.height; ++y)
+      use(y, (edge_cosines_[y] - edge_cosines_[y + 1]) * 2 * std::numbers::pi / double(width));
+  };
   double power = 0;
-  for_rows(map_, [&](std::uint32_t y, double sr) {
+  for_rows([&](std::size_t y, double sr) {
     double sum = 0;
     for (std::size_t x = 0; x < width; ++x) sum += double(luminance(map_.texels[y * width + x]));
     power += sum * sr;
   });
-  const double sphere = 4 * double(kPi);
+  const double sphere = 4 * std::numbers::pi;
   floor_ = float(power / sphere);
   std::vector<double> rows;
   pixel_ends_.resize(map_.texels.size());
   double excess = 0;
-  for_rows(map_, [&](std::uint32_t y, double sr) {
+  for_rows([&](std::size_t y, double sr) {
     double sum = 0;
     const auto pixel = [&](std::size_t x) {
       return double(std::max(0.f, luminance(map_.texels[y * width + x]) - floor_));
@@ -66,7 +65,7 @@ SkyLight::SkyLight(const Scene& scene) : uniform_(scene.sky), map_(scene.sky_map
     rows.push_back(excess += sum * sr);
   });
   const double uniform = double(luminance(uniform_)) * sphere / double(map_.scale);
-  if (excess <= kWorthwhile * (power + uniform)) {
+  if (excess <= std::max(kLeastExcess, kWorthwhile * (power + uniform))) {
     pixel_ends_ = {};
     return;
   }
@@ -92,9 +91,8 @@ SkyLight::Sample SkyLight::sample(Vec2 u) const {
   const Place row = find(row_ends_, u.y);
   const std::size_t first = row.index * map_.width;
   const Place column = find(std::span(pixel_ends_).subspan(first, map_.width), u.x);
-  const auto y = std::uint32_t(row.index);
   // In double: close to the pole, what is left of 1 is the sine.
-  const double top = edge_cosine(y, map_.height), bottom = edge_cosine(y + 1, map_.height);
+  const double top = edge_cosines_[row.index], bottom = edge_cosines_[row.index + 1];
   const double up = top + (bottom - top) * double(row.within);
   const double flat = std::sqrt(std::max(0., (1 - up) * (1 + up)));
   const float turn = (float(column.index) + column.within) / float(map_.width) - 0.5f;

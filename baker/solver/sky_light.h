@@ -40,8 +40,9 @@ class SkyLight {
 
   const Rgb uniform_;
   const SkyMap& map_;
-  float floor_ = 0;       ///< luminance of a map value above which it is bright
-  float per_excess_ = 0;  ///< density over luminance above the floor
+  const std::vector<double> edge_cosines_;  ///< cosθ at the edges of the rows
+  float floor_ = 0;                         ///< luminance of a map value above which it is bright
+  float per_excess_ = 0;                    ///< density over luminance above the floor
   /// Sums of the probabilities of the rows, and of the pixels of each row, up to their ends.
   std::vector<float> row_ends_, pixel_ends_;
 };

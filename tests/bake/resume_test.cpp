@@ -5,6 +5,7 @@
 #include <functional>
 #include <thread>
 
+#include "support/sky_files.h"
 #include "tests/bake/recorder.h"
 
 namespace kiln::baker {
@@ -51,6 +52,31 @@ class Resume : public ::testing::Test {
 
   double tail_scale_ = 0;
 };
+
+TEST_F(Resume, UnderASkyMapToo) {
+  input_ = input_for(folder_, "courtyard", 64);
+  input_.settings.quality.target_error = 0.04f;
+  input_.settings.sky.map = "noon.hdr";
+  input_.settings.sky.scale = 2000;
+  const test::SkyPicture noon(64, [](Vec3 d) -> Rgb {
+    return d.y > 0.98f ? Rgb{900, 800, 700} : Rgb{0.3f, 0.5f, 1};
+  });
+  input_.files.side["noon.hdr"] = folder_.write("noon.hdr", test::hdr_file(noon));
+  const std::size_t passes = run().passes.size();
+  ASSERT_GT(passes, 4u);
+  const std::string undisturbed = exr();
+  for (const std::size_t stop : {std::size_t{1}, std::size_t{2}, passes - 1}) {
+    forget();
+    run(stop);
+    EXPECT_GT(run().resumed, 0u) << stop;
+    EXPECT_TRUE(exr() == undisturbed) << stop;
+  }
+  // Another sky is another bake.
+  forget();
+  run(2);
+  input_.settings.sky.rotation = 90;
+  EXPECT_EQ(run().resumed, 0u);
+}
 
 TEST_F(Resume, AfterAnyPassNoPassIsMadeAgainAndNoBitDiffers) {
   for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
