@@ -272,6 +272,17 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
     return {};
   };
   hooks.before_pass = [&](const Pass& pass) { writer.before(pass); };
+  hooks.part_time = input.part_time;
+  hooks.on_part = [&](const Pass& pass, std::shared_ptr<const Lightmap> before,
+                      std::shared_ptr<const Lightmap> after, const PassProgress& progress) {
+    writer.offer_part(pass, std::move(before), std::move(after), progress, solver->state());
+  };
+  hooks.before_finish = [&] { writer.release_part(); };
+  hooks.restore = [&](const Pass& pass, const Lightmap& before, Lightmap& after) {
+    const PassProgress done = writer.restore(pass, before, after, solver->state());
+    if (done.texels > 0) observer.on_resume_within(pass.name, double(done.texels) / texels->size());
+    return done;
+  };
   auto solution = solve(*solver, *texels, pool, stop, hooks, std::move(start));
   writer.hurry();  // while the files are written
   return solution;

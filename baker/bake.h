@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -35,6 +36,8 @@ class BakeObserver {
   virtual void on_stage(const std::string& /*name*/) {}
   /// The passes of an earlier attempt that need not be made again; on_pass() does not repeat them.
   virtual void on_resume(std::uint32_t /*passes*/) {}
+  /// After that: so much of the pass that follows, 0 to 1, need not be made again either.
+  virtual void on_resume_within(const std::string& /*pass*/, double /*share*/) {}
   virtual void on_progress(const proto::JobProgress&) {}  ///< any thread; at most 20 per second
   /// A pass is finished: no later attempt makes it again. With checkpoints this comes once they
   /// hold it, from the thread that writes them, and may be some passes late.
@@ -65,6 +68,8 @@ struct BakeInput {
   /// Of the processors' time that checkpoints may take; from 1 on each pass waits for its own. See
   /// CheckpointWriter.
   double checkpoint_share = 0.05;
+  /// Passes that take longer are kept in the middle, too, about this often.
+  std::chrono::milliseconds part_time{10'000};
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the

@@ -43,8 +43,9 @@ struct ServerConfig {
   std::uint32_t max_requests_per_minute_per_tenant = 0;  ///< beyond: `rate_limited`; 0: no limit
   std::uint32_t max_requests_per_minute_per_token = 0;   ///< the same of one token
   std::uint64_t max_bytes_per_tenant = 0;                ///< of results; 0: no limit
-  std::uint32_t max_job_seconds = 0;  ///< of one attempt; beyond: `bake_timeout`; 0: no limit
-  std::uint32_t checkpoint_percent = 5;  ///< of the processors' time; 100: one for each pass
+  std::uint32_t max_job_seconds = 0;      ///< of one attempt; beyond: `bake_timeout`; 0: no limit
+  std::uint32_t checkpoint_percent = 5;   ///< of the processors' time; 100: one for each pass
+  std::uint32_t checkpoint_seconds = 10;  ///< of one pass, after which its part so far is kept
   std::uint32_t job_ttl_seconds = 0;  ///< that a job is kept after its end, unless it says; 0: ever
   std::uint32_t leftover_ttl_seconds = 86'400;  ///< unused scenes, checkpoints of failed jobs
   std::uint64_t max_data_bytes = 0;             ///< beyond, old jobs are deleted; 0: no limit

@@ -56,6 +56,7 @@ JobLimits job_limits(const ServerConfig& config) {
   limits.tenant_texels = config.max_texels_per_tenant_per_day;
   limits.tenant_cpu_seconds = config.max_cpu_seconds_per_tenant_per_day;
   limits.checkpoint_share = config.checkpoint_percent / 100.0;
+  limits.part_time = std::chrono::seconds(config.checkpoint_seconds);
   limits.memory_bytes = config.memory_budget_bytes;
   return limits;
 }

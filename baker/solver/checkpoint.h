@@ -15,7 +15,8 @@
 /// What a bake needs to go on after the process that ran it is gone. A folder holds the light after
 /// the last two passes, in two files that take turns (pass_0.bin, pass_1.bin), and the solver's
 /// state (state.bin): little-endian arrays behind a header, with a SHA-256 over all of it. Each is
-/// replaced in one rename. The state is read for light that is not complete yet.
+/// replaced in one rename. Beside them parts of the pass that follows (PassPart). The state is read
+/// for light that is not complete yet.
 namespace kiln::baker {
 
 /// Stores the light after `passes`, in place of that of the pass before the last. Durable once it

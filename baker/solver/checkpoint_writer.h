@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "baker/solver/lightmap.h"
+#include "baker/solver/pass_part.h"
 #include "baker/solver/solver.h"
 #include "proto/expected.h"
 #include "proto/manifest.h"
@@ -62,6 +63,17 @@ class CheckpointWriter {
   /// before() of a pass that fills or completes it.
   void offer(const Pass&, std::span<const proto::PassReport> passes,
              std::shared_ptr<const Lightmap>, std::span<const std::byte> state);
+  /// Restores what an earlier process has written of a pass that has just begun.
+  PassProgress restore(const Pass&, const Lightmap& before, Lightmap& after,
+                       std::span<std::byte> state);
+  /// In the middle of a pass: its texels so far, and their share of the state, which stay as they
+  /// are until release_part(). They are written once the pass before is durable.
+  void offer_part(const Pass&, std::shared_ptr<const Lightmap> before,
+                  std::shared_ptr<const Lightmap> after, const PassProgress&,
+                  std::span<const std::byte> state);
+  /// From here on the pass's light is not read: waits where it is being written, and drops what
+  /// waits to be.
+  void release_part();
   /// Writes what was offered as soon as may be; waits only while that reads the solver's state.
   void hurry();
   /// From here on the solver's state is not read: waits where it is being written, and drops what
@@ -78,22 +90,46 @@ class CheckpointWriter {
     std::span<const std::byte> state;  ///< empty: none is needed, or it is on the disk
   };
 
+  struct Part {
+    std::uint32_t pass;
+    std::shared_ptr<const Lightmap> before, after;
+    PassProgress progress;
+    std::span<const std::byte> state;
+  };
+  /// What is on the disk of the pass under way.
+  struct Parts {
+    std::uint32_t pass = 0, count = 0;
+    PassProgress progress;
+  };
+
   void loop(const std::stop_token&);
-  bool is_due() const;            ///< needs mutex_
-  Clock::time_point due() const;  ///< needs mutex_
-  bool reads_state() const;       ///< now or later; needs mutex_
-  void take_over_bug();           ///< throws it; needs mutex_
   bool write(const Offer&);
+  bool write(const Part&, const PassPart&);
+  void fail(const proto::Error&);
   void tell(std::span<const proto::PassReport>);
+  // Need mutex_:
+  void write_next(std::unique_lock<std::mutex>&);
+  bool is_due() const;
+  Clock::time_point due() const;
+  double next_bytes() const;
+  PassPart next_part(const Part&);
+  bool has_lost_its_pass(const Part&) const;
+  bool reads_state() const;  ///< now or later
+  void take_over_bug();      ///< throws it
 
   const Options options_;
   const Listener listener_;
+  const std::size_t known_;
   std::size_t told_;  ///< passes; of the thread that writes
 
   std::mutex mutex_;  ///< guards what follows
   std::condition_variable_any changed_;
   std::optional<Offer> waiting_;
-  bool writing_ = false, writing_state_ = false;
+  std::optional<Part> waiting_part_;
+  std::size_t durable_;  ///< passes in the newest checkpoint
+  Parts parts_;
+  bool stale_parts_ = true;  ///< there may be some, of a pass that is done
+  bool writing_ = false, writing_state_ = false, writing_part_ = false;
   bool hurried_ = false, failed_ = false;
   bool state_on_disk_ = false;
   std::exception_ptr bug_;  ///< of the listener, for the next call

@@ -3,13 +3,21 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 #include <optional>
+#include <utility>
 
 #include "baker/solver/gather.h"
 #include "baker/solver/path.h"
 
 namespace kiln::baker {
 namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
 
 /// From area-weighted sums over the texels, by runs of the same texels on any number of threads.
 struct Change {
@@ -49,6 +57,75 @@ std::optional<Change> measure(const TextureGroup& texels, const Lightmap& before
   return c;
 }
 
+/// The batches of one pass.
+class PassRun {
+ public:
+  /// @param done what need not be computed
+  PassRun(Solver& solver, const Pass& pass, std::shared_ptr<const Lightmap> before,
+          std::shared_ptr<Lightmap> after, const Workers& workers, const SolveHooks& hooks,
+          const PassProgress& done, Clock::time_point start)
+      : solver_(solver),
+        pass_(pass),
+        before_(std::move(before)),
+        after_(std::move(after)),
+        workers_(workers),
+        hooks_(hooks),
+        restored_(done),
+        texels_(after_->size()),
+        batches_((texels_ + pass.batch_texels - 1) / pass.batch_texels),
+        first_((done.texels + pass.batch_texels - 1) / pass.batch_texels),
+        done_(first_),
+        ran_(batches_),
+        rays_(batches_),
+        start_(start) {}
+
+  /// False when stopped. What is computed, and by which bits, does not depend on how the batches
+  /// fall into parts.
+  bool all_batches() {
+    while (first_ < batches_) {
+      if (!some_batches(Clock::now() + hooks_.part_time)) return false;
+      while (first_ < batches_ && ran_[first_]) ++first_;
+      if (first_ < batches_ && hooks_.on_part)
+        hooks_.on_part(pass_, before_, after_,
+                       {first_ * pass_.batch_texels, rays(first_), seconds()});
+    }
+    return true;
+  }
+  std::uint64_t rays() const { return rays(batches_); }
+  double seconds() const { return restored_.seconds + seconds_since(start_); }
+
+ private:
+  /// Those that begin before a moment, but one at least.
+  bool some_batches(Clock::time_point until) {
+    const std::uint32_t first = first_;
+    return workers_.pool.for_batches(batches_ - first, workers_.stop, [&](std::uint32_t i) {
+      const std::uint32_t b = first + i, size = pass_.batch_texels;
+      if (ran_[b] || (i > 0 && Clock::now() >= until)) return;
+      rays_[b] =
+          solver_.run(pass_, *before_, {b * size, std::min((b + 1) * size, texels_)}, *after_);
+      ran_[b] = true;
+      if (hooks_.on_batch) hooks_.on_batch(pass_, ++done_, batches_);
+    });
+  }
+  std::uint64_t rays(std::uint32_t batches) const {
+    return std::accumulate(rays_.begin(), rays_.begin() + batches, restored_.rays);
+  }
+
+  Solver& solver_;
+  const Pass& pass_;
+  const std::shared_ptr<const Lightmap> before_;
+  const std::shared_ptr<Lightmap> after_;
+  const Workers& workers_;
+  const SolveHooks& hooks_;
+  const PassProgress restored_;
+  const std::uint32_t texels_, batches_;
+  std::uint32_t first_;  ///< that has not run
+  std::atomic<std::uint32_t> done_;
+  std::vector<char> ran_;
+  std::vector<std::uint64_t> rays_;
+  const Clock::time_point start_;
+};
+
 }  // namespace
 
 std::unique_ptr<Solver> make_solver(const SolverInput& in) {
@@ -80,18 +157,14 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   while (const auto pass = solver.next(solution.passes)) {
     if (enough()) break;
     if (hooks.before_pass) hooks.before_pass(*pass);
-    const auto start = std::chrono::steady_clock::now();
+    const auto start = Clock::now();
     auto after = std::make_shared<Lightmap>(*before);
     bool whole = solver.begin(*pass, *before, *after, workers);
-    const std::uint32_t size = pass->batch_texels;
-    const std::uint32_t batches = (texels.size() + size - 1) / size;
-    std::vector<std::uint64_t> rays(batches);
-    std::atomic<std::uint32_t> done{0};
-    whole = whole && pool.for_batches(batches, either.get_token(), [&](std::uint32_t b) {
-      const TexelRange range{b * size, std::min((b + 1) * size, texels.size())};
-      rays[b] = solver.run(*pass, *before, range, *after);
-      if (hooks.on_batch) hooks.on_batch(*pass, ++done, batches);
-    });
+    PassProgress restored;
+    if (whole && hooks.restore) restored = hooks.restore(*pass, *before, *after);
+    PassRun run{solver, *pass, before, after, workers, hooks, restored, start};
+    whole = whole && run.all_batches();
+    if (hooks.before_finish) hooks.before_finish();
     proto::PassReport report;
     whole = whole && solver.finish(*pass, *after, workers, report);
     const auto change = whole ? measure(texels, *before, *after, workers) : std::nullopt;
@@ -105,9 +178,8 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
     report.index = pass->index;
     report.residual = change->residual;
     report.mean_lx = change->mean_lx;
-    for (std::uint64_t r : rays) report.rays += r;
-    report.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    report.rays = run.rays();
+    report.seconds = run.seconds();
     solution.passes.push_back(report);
     if (hooks.on_pass)
       if (auto ok = hooks.on_pass(*pass, report, after); !ok) return proto::Unexpected(ok.error());

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <stop_token>
@@ -11,6 +13,13 @@
 
 namespace kiln::baker {
 
+/// How far a pass has come.
+struct PassProgress {
+  std::uint32_t texels = 0;  ///< the first so many are done: whole batches
+  std::uint64_t rays = 0;    ///< traced for them
+  double seconds = 0;        ///< since the pass began
+};
+
 /// Called while a solver runs.
 struct SolveHooks {
   /// From pool threads: batches of the current pass that are done, and their number.
@@ -21,6 +30,17 @@ struct SolveHooks {
   std::function<proto::Expected<void>(const Pass&, const proto::PassReport&,
                                       std::shared_ptr<const Lightmap>)>
       on_pass;
+  /// A pass that takes longer is told of in parts, about this often.
+  std::chrono::milliseconds part_time{10'000};
+  /// From the calling thread: the texels before `progress.texels` are computed in `after`, and stay
+  /// as they are until before_finish().
+  std::function<void(const Pass&, std::shared_ptr<const Lightmap> before,
+                     std::shared_ptr<const Lightmap> after, const PassProgress&)>
+      on_part;
+  std::function<void()> before_finish;
+  /// After a pass has begun: puts what on_part() was told of an earlier attempt at it into `after`
+  /// and the solver's state.
+  std::function<PassProgress(const Pass&, const Lightmap& before, Lightmap& after)> restore;
   /// A stop request ends the solve with the light of the passes that are done; `canceled` when no
   /// pass is.
   std::stop_token enough;

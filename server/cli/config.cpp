@@ -188,6 +188,9 @@ const std::vector<ConfigRow>& config_rows() {
        "Share of the processors' time that a bake's checkpoints may take; short passes share one;\n"
        "100: each pass waits for one of its own",
        parse_number<&C::checkpoint_percent, 1, 100>, show_number<&C::checkpoint_percent>},
+      {"checkpoint_seconds", true, "a number from 1 to 86400",
+       "Seconds of one pass after which what it has computed goes into a checkpoint",
+       parse_number<&C::checkpoint_seconds, 1, 86400>, show_number<&C::checkpoint_seconds>},
       {"max_queued_jobs_per_tenant", true, "a number from 0 to 1000000",
        "Jobs of one tenant that may wait; 0: no limit of its own",
        parse_number<&C::max_queued_jobs_per_tenant, 0, 1'000'000>,

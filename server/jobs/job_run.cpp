@@ -80,6 +80,7 @@ JobRun::Outcome JobRun::bake() {
     input.output_dir = context_.data.results(job.id);
     input.checkpoint_dir = context_.data.checkpoints(job.id);
     input.checkpoint_share = context_.limits.checkpoint_share;
+    input.part_time = context_.limits.part_time;
     input.scene_sha256 = scene->main_sha256;
     input.scene_key = scene->key;
     input.enough = job_.enough.get_token();
@@ -222,13 +223,22 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
 }
 
 void JobRun::on_resume(std::uint32_t passes) {
-  log_.line("goes on after " + std::to_string(passes) + " passes of an earlier attempt");
   log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
+  tell_resumed("Goes on after " + std::to_string(passes) + " passes of an earlier attempt.");
+}
+
+void JobRun::on_resume_within(const std::string& pass, double share) {
+  const int percent = static_cast<int>(100 * share);
+  log_line(LogLevel::kInfo, "job.resumed_within",
+           {{"job", job_.id}, {"pass", pass}, {"percent", percent}});
+  tell_resumed("Of the pass '" + pass + "', " + std::to_string(percent) +
+               " % are there from an earlier attempt.");
+}
+
+void JobRun::tell_resumed(const std::string& text) {
+  log_.line(text);
   const nlohmann::json data{
-      {"level", "info"},
-      {"code", "resumed"},
-      {"pointer", ""},
-      {"message", "Goes on after " + std::to_string(passes) + " passes of an earlier attempt."}};
+      {"level", "info"}, {"code", "resumed"}, {"pointer", ""}, {"message", text}};
   record([&] { add_event(context_.store, job_, "log", data); });
 }
 

@@ -51,6 +51,7 @@ class JobRun final : public baker::BakeObserver {
 
   void on_stage(const std::string& name) override;
   void on_resume(std::uint32_t passes) override;
+  void on_resume_within(const std::string& pass, double share) override;
   void on_progress(const proto::JobProgress&) override;
   void on_pass(const proto::PassReport&) override;
   void on_snapshot(baker::Snapshot) override;
@@ -66,6 +67,7 @@ class JobRun final : public baker::BakeObserver {
   proto::Expected<std::vector<proto::ResultFile>> collect(const proto::Manifest&) const;
   proto::Expected<void> copy_log(const std::filesystem::path& to) const;
   void conclude(Outcome, std::stop_token service_stop);
+  void tell_resumed(const std::string& text);
   /// Runs `change` under the job's mutex; a store failure is logged, since the bake can go on.
   void record(const std::function<void()>& change);
 

@@ -48,7 +48,8 @@ struct JobLimits {
   std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
   /// Of one tenant in a day of UTC; 0: no limit.
   std::uint64_t tenant_texels = 0, tenant_cpu_seconds = 0;
-  double checkpoint_share = 0.05;  ///< see baker::BakeInput
+  double checkpoint_share = 0.05;               ///< see baker::BakeInput
+  std::chrono::milliseconds part_time{10'000};  ///< likewise
   std::uint64_t memory_bytes = 0;  ///< of running bakes, by their estimates; 0: no limit
 };
 

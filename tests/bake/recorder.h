@@ -26,6 +26,7 @@ struct Told {
   std::vector<proto::PassReport> passes;
   std::vector<std::string> checkpoint_warnings;  ///< their codes
   std::uint32_t snapshots = 0, resumed = 0;
+  double within = 0;  ///< share of the pass that followed
 };
 
 /// Keeps what it is told of a bake, and stops it when asked to.
@@ -39,6 +40,7 @@ struct Recorder : BakeObserver, Told {
 
   void on_stage(const std::string& s) override { stages.push_back(s); }
   void on_resume(std::uint32_t n) override { resumed = n; }
+  void on_resume_within(const std::string&, double share) override { within = share; }
   void on_warning(const proto::Warning& w) override {
     const std::lock_guard lock(mutex);
     if (w.code.starts_with("checkpoint_")) checkpoint_warnings.push_back(w.code);

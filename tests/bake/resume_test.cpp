@@ -144,6 +144,33 @@ TEST_F(Resume, WhateverWasToldIsNeverMadeAgain) {
   }
 }
 
+TEST_F(Resume, InTheMiddleOfAPass) {
+  input_.settings.atlas.page_size = 128;
+  run();
+  const std::string undisturbed = exr();
+  input_.part_time = std::chrono::milliseconds(0);  // after every batch
+  forget();
+  int within = 0;
+  bool whole = false;
+  for (int attempt = 0; !whole; ++attempt) {
+    Recorder recorder;
+    std::jthread cut;
+    if (attempt < 20)
+      cut = std::jthread([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(60 + attempt));
+        recorder.stop.request_stop();
+      });
+    whole = bake(input_, pool_, recorder.stop.get_token(), recorder).has_value();
+    cut = {};
+    within += recorder.within > 0;
+    EXPECT_TRUE(recorder.checkpoint_warnings.empty());
+  }
+  EXPECT_GT(within, 0);
+  EXPECT_TRUE(exr() == undisturbed);
+  for (const auto& left : fs::directory_iterator(input_.checkpoint_dir))
+    EXPECT_FALSE(left.path().filename().string().starts_with("part_")) << left;
+}
+
 TEST_F(Resume, CheckpointsOfAnotherBakeAreLeftAlone) {
   run(3);
   const auto expect_fresh = [&](const char* what) {

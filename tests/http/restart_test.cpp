@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <chrono>
 #include <numeric>
+#include <thread>
 
 #include "event_stream.h"
 #include "program.h"
@@ -71,6 +73,26 @@ TEST_F(Signals, AKilledBakeGoesOnAfterItsLastPassWithTheSameBytes) {
   const std::string bytes = exr(program, id);
   EXPECT_GT(bytes.size(), 10'000u);
   EXPECT_TRUE(bytes == exr(program, undisturbed));
+}
+
+TEST_F(Signals, AKilledBakeGoesOnInTheMiddleOfAPass) {
+  std::string id;
+  {
+    Program killed(data, {"--checkpoint-seconds", "1", "--threads", "1"});
+    id = post_job(killed, scene, kLongBake);
+    const auto part = data / "jobs" / id / "checkpoints" / "part_1.bin";
+    const auto late = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (!std::filesystem::exists(part) && std::chrono::steady_clock::now() < late)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    killed.signal(SIGKILL);
+    EXPECT_EQ(killed.wait_exit(), -SIGKILL);
+    EXPECT_TRUE(std::filesystem::exists(part));
+  }
+  Program program(data);
+  EXPECT_TRUE(program.logged("\"event\":\"job.resumed_within\""));
+  const Answer log = ask(program.port(), "GET", "/v1/jobs/" + id + "/results/log.txt");
+  EXPECT_NE(log.body.find("% are there from an earlier attempt."), std::string::npos) << log.body;
+  EXPECT_EQ(ask(program.port(), "DELETE", "/v1/jobs/" + id + "?force=true").status, 204);
 }
 
 TEST_F(Signals, AnIdleServiceEndsAtOnce) {

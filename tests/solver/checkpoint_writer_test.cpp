@@ -25,6 +25,7 @@ class Passes final : public Solver {
     p.name = "p";
     p.index = index;
     p.fills_state = fills;
+    p.batch_texels = 1;
     return p;
   }
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
@@ -83,6 +84,23 @@ class Writing : public ::testing::Test {
     passes_.push_back(report);
     writer_->offer(pass, passes_, std::make_shared<Lightmap>(kTexels), solver_.state());
   }
+  void offer_part(std::uint32_t texels, bool fills = false) {
+    const Pass pass = Passes::pass(std::uint32_t(passes_.size()), fills);
+    writer_->before(pass);
+    after_ = std::make_shared<Lightmap>(*before_);
+    after_->direct.own();
+    writer_->offer_part(pass, before_, after_, {texels, 10 * texels, 0.5}, solver_.state());
+  }
+  /// Texels of the pass under way that the next process finds.
+  std::uint32_t kept(bool fills = false) {
+    Passes fresh(2);
+    const Pass pass = Passes::pass(std::uint32_t(passes_.size()), fills);
+    Lightmap after = *before_;
+    after.direct.own();
+    return read_parts(folder_.path(), "key", pass, *before_, after, fresh.state()).progress.texels;
+  }
+  const std::shared_ptr<const Lightmap> before_ = std::make_shared<Lightmap>(kTexels);
+  std::shared_ptr<Lightmap> after_;
   static std::vector<std::uint32_t> first(std::uint32_t n) {
     std::vector<std::uint32_t> all(n);
     std::iota(all.begin(), all.end(), 0u);
@@ -131,6 +149,45 @@ TEST_F(Writing, StateThatAPassWillChangeIsNotReadAnyMore) {
   Passes fresh(2);
   ASSERT_TRUE(read_checkpoint(folder_.path(), "key", fresh, kTexels));
   EXPECT_EQ(fresh.state()[0], std::byte{7});
+}
+
+TEST_F(Writing, APassUnderWayIsKeptInParts) {
+  start(1);
+  offer_part(2, true), offer_part(5, true), offer_part(6, true);
+  EXPECT_EQ(kept(true), 6u);
+  writer_->release_part();
+  offer(true);
+  EXPECT_FALSE(std::filesystem::exists(folder_.path() / "part_0.bin")) << "its pass is done";
+  offer_part(1, true);
+  EXPECT_EQ(kept(true), 1u);
+  EXPECT_EQ(told_, first(1));
+}
+
+TEST_F(Writing, WhatComesBeforeAPartIsWrittenBeforeIt) {
+  start(kNever);
+  offer(true), offer(true), offer();
+  offer_part(4);
+  writer_->flush();
+  EXPECT_EQ(told_, first(3));
+  EXPECT_EQ(kept(), 4u);
+}
+
+TEST_F(Writing, APartWithoutTheLightBeforeItIsNotWritten) {
+  start(kNever);
+  offer(true);          // waits with its state,
+  offer_part(4, true);  // which this pass changes
+  writer_->flush();
+  EXPECT_EQ(passes_on_disk(), 0u);
+  EXPECT_FALSE(std::filesystem::exists(folder_.path() / "part_0.bin"));
+}
+
+TEST_F(Writing, APartIsNotReadOnceItsPassGoesOn) {
+  start(kNever);
+  offer_part(4, true);
+  writer_->release_part();
+  EXPECT_EQ(after_.use_count(), 1);
+  writer_->flush();
+  EXPECT_EQ(kept(true), 0u);
 }
 
 TEST_F(Writing, NothingIsToldAfterAStop) {
