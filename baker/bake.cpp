@@ -10,6 +10,7 @@
 #include "baker/atlas/atlas.h"
 #include "baker/memory_estimate.h"
 #include "baker/output/output.h"
+#include "baker/pace.h"
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/checkpoint_writer.h"
 #include "baker/solver/simd/kernels.h"
@@ -198,30 +199,14 @@ class StateReader {
 };
 
 /// Expected effort of passes that are done.
-double work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
-  double work = 0;
-  for (std::size_t i = 0; i < passes.size(); ++i) work += solver.next(passes.first(i))->work;
+Work work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
+  Work work;
+  for (std::size_t i = 0; i < passes.size(); ++i) {
+    const auto pass = solver.next(passes.first(i));
+    work += pass->work + pass->finish_work;
+  }
   return work;
 }
-
-/// How fast the work of a solver goes.
-class Pace {
- public:
-  /// @param done before, by an earlier attempt
-  explicit Pace(double done) : start_(Clock::now()), before_(done) {}
-
-  /// Nothing until enough has been done to tell.
-  std::optional<double> seconds_for(double done, double left) const {
-    constexpr double kLeastSeconds = 0.1;
-    const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
-    if (seconds < kLeastSeconds || !(done > before_)) return std::nullopt;
-    return seconds / (done - before_) * left;
-  }
-
- private:
-  Clock::time_point start_;
-  double before_;
-};
 
 /// The solve stage: passes with checkpoints and snapshots.
 Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
@@ -245,26 +230,25 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   CheckpointWriter& writer = checkpoints.writer();
   const StateReader reader(writer);
   std::vector<proto::PassReport> passes = start.passes;
-  double work_done = work_of(*solver, passes), residual = 1;
+  double residual = 1;
   for (const auto& p : passes)
     if (p.residual > 0) residual = p.residual;
   if (!passes.empty()) {
     observer.on_resume(std::uint32_t(passes.size()));
     observer.on_snapshot({texels, start.light, passes.back().index});
   }
-  const Pace pace(work_done);
+  Pace pace(work_of(*solver, passes));
   SolveHooks hooks;
   hooks.enough = input.enough;
   hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
-    const double by_now = work_done + pass.work * done / total;
-    const double all = std::max(by_now, solver->total_work());
+    const Pace::Ahead ahead =
+        pace.ahead(pass, double(done) / total, solver->total_work() + Work::other(work::kOutput));
     course.batch(pass, done, total, solver->max_passes(), residual,
-                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * by_now / all,
-                 pace.seconds_for(by_now, all - by_now + work::kOutput));
+                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done, ahead.seconds_left);
   };
   hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
                       std::shared_ptr<const Lightmap> light) -> Expected<void> {
-    work_done += pass.work;
+    pace.end_pass(pass);
     if (report.residual > 0) residual = report.residual;  // tracing alone changes no light
     passes.push_back(report);
     observer.on_snapshot({texels, light, report.index});

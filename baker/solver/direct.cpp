@@ -13,8 +13,6 @@ namespace kiln::baker {
 namespace {
 
 constexpr std::uint32_t kTileTexels = 16;
-/// Up to this many lights each texel weighs them for itself.
-constexpr std::size_t kFewLights = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 
@@ -18,6 +19,9 @@ namespace kiln::baker {
 class DirectLight {
  public:
   explicit DirectLight(const SolverInput& in) : in_(in) {}
+
+  /// Up to this many lights each texel weighs them for itself.
+  static constexpr std::size_t kFewLights = 16;
 
   using Put = std::function<void(std::uint32_t texel, const Estimate&)>;  ///< irradiance, lx
   /// Calls `put` for the texels of `range`, which begins at a multiple of 16.

@@ -44,10 +44,11 @@ class GatherSolver final : public Solver {
     return (needs_rays_ ? first_bounce() + in_.settings.bounces : 1) + rounds_.limit();
   }
 
-  double total_work() const override {
-    double work = direct_work() + rounds_.expected_work() + work::kFilter;
+  Work total_work() const override {
+    Work work = direct_work() + rounds_.expected_work() + SampleRounds::judge_work();
     if (!needs_rays_) return work;
-    work += trace_work() + (plan_.coarse ? refine_work() : 0);
+    work += trace_work();
+    if (plan_.coarse) work += refine_work();
     const std::uint32_t bounces = std::min(kTypicalBounces, in_.settings.bounces);
     for (std::uint32_t b = 0; b < bounces; ++b)
       work += look_up_work(bounces_.directions_for(std::pow(0.5, b)));
@@ -82,18 +83,25 @@ class GatherSolver final : public Solver {
   std::uint32_t first_bounce() const { return plan_.coarse ? 3 : 2; }
   void plan_bounce(std::span<const proto::PassReport> done, Pass& pass) const;
 
-  double direct_work() const {
+  Work direct_work() const {
     constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
-    const double area = in_.lights.area().empty() ? 0 : kSent;
+    const std::size_t lights = in_.lights.area().size();
+    const double area = lights == 0                         ? 0
+                        : lights <= DirectLight::kFewLights ? kSent
+                                                            : work::kManyLightsRay;
     const double sky = in_.lights.has_bright_sky() ? 1 : 0;
-    return (area + sky) * plan_.shadow_rays +
-           double(in_.lights.punctual().size() * TextureGroup::kPointsPerTexel);
+    const double punctual = double(in_.lights.punctual().size()) * TextureGroup::kPointsPerTexel;
+    return Work::shadow_rays((area + sky) * plan_.shadow_rays + punctual);
   }
   /// Every fourth texel is a site, and charts are edged by texels without sites around them.
-  double trace_work() const { return work::kDirection * set_.size() * (plan_.coarse ? 0.35 : 1); }
-  double refine_work() const { return work::kDirection * set_.size() * 0.1; }
-  double look_up_work(std::uint32_t directions) const {
-    return work::kTexel + work::kLookUp * trace_work() * directions / set_.size();
+  Work trace_work() const { return directions_work(plan_.coarse ? 0.35 : 1); }
+  Work refine_work() const { return directions_work(0.1); }
+  Work directions_work(double share_of_texels) const {
+    return Work::directions(work::kDirection * set_.size() * share_of_texels);
+  }
+  Work look_up_work(std::uint32_t directions) const {
+    const double look_ups = directions * (plan_.coarse ? 0.45 : 1);
+    return Work::other(work::kTexel + work::kLookUp * look_ups);
   }
 
   static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
@@ -116,6 +124,7 @@ class GatherSolver final : public Solver {
 
   static void put(const Estimate& e, Rgb& mean, float& spread) { mean = e.mean, spread = e.spread; }
   void own_planes(const Pass& pass, Lightmap& after) const;
+  void guess_rounds(const Pass&, const Lightmap& after);
 
   bool begin_round(const Lightmap& before, const Workers&);
 
@@ -159,15 +168,16 @@ std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) 
   if (done.empty()) {
     pass.name = kDirect;
     pass.completes = !needs_rays_;
-    pass.work = direct_work() + (pass.completes ? work::kFilter : 0);
+    pass.work = direct_work();
+    if (pass.completes) pass.finish_work = SampleRounds::judge_work();
     return pass;
   }
   if (needs_rays_ && done.size() < first_bounce()) {
     pass.name = done.size() == 1 ? kTrace : kRefine;
     pass.fills_state = true;
     pass.completes = bounces_.limit() == 0 && done.size() + 1 == first_bounce();
-    pass.work =
-        (done.size() == 1 ? trace_work() : refine_work()) + (pass.completes ? work::kFilter : 0);
+    pass.work = done.size() == 1 ? trace_work() : refine_work();
+    if (pass.completes) pass.finish_work = SampleRounds::judge_work();
     return pass;
   }
   // The passes that bring new light come first, those that only add samples follow.
@@ -181,6 +191,7 @@ std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) 
   if (!rounds_.wants_another(done)) return std::nullopt;
   pass.name = kRound;
   pass.work = rounds_.next_work();
+  pass.finish_work = SampleRounds::judge_work();
   pass.completes = true;
   return pass;
 }
@@ -193,7 +204,8 @@ void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pa
   pass.completes = bounce.last;
   pass.tail_scale = bounce.tail_scale;
   pass.sample_count = bounce.directions;
-  pass.work = look_up_work(pass.sample_count) + (pass.completes ? work::kFilter : 0);
+  pass.work = look_up_work(pass.sample_count);
+  if (pass.completes) pass.finish_work = SampleRounds::judge_work();
 }
 
 /// Makes those planes the pass's own that it changes.
@@ -248,9 +260,19 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
   return 0;
 }
 
+/// When something new is known of the light that rounds will sample.
+void GatherSolver::guess_rounds(const Pass& pass, const Lightmap& after) {
+  const bool first_bounce_known =
+      plan_.coarse ? pass.name != kDirect : pass.index >= first_bounce();
+  if (pass.completes || pass.index > first_bounce()) return;
+  rounds_.guess(after, first_bounce_known && in_.settings.bounces > 0
+                           ? SampleRounds::Known::kFirstBounce
+                           : SampleRounds::Known::kDirect);
+}
+
 bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& workers,
                           proto::PassReport& report) {
-  if (!pass.completes && pass.name != kBounce) rounds_.guess(after);
+  if (pass.name == kRefine) guess_rounds(pass, after);
   if (pass.name == kRefine && in_.settings.bounces > 0) {
     // What the sites were compared by is no bounce yet.
     after.indirect.renew();
@@ -258,6 +280,7 @@ bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& work
   }
   if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(pass, after, workers))
     return false;
+  if (pass.name != kRefine) guess_rounds(pass, after);
   if (!pass.completes) return true;
   // The memory of what later passes make anew is free for the filter.
   hits_.forget();

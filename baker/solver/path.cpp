@@ -228,7 +228,7 @@ class PathSolver final : public Solver {
     return (in_.plan.directions + kBlockSamples - 1) / kBlockSamples;
   }
 
-  double total_work() const override { return in_.plan.directions * work_of_sample(); }
+  Work total_work() const override { return work_of(in_.plan.directions); }
 
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
     if (done.size() >= max_passes()) return std::nullopt;
@@ -237,7 +237,7 @@ class PathSolver final : public Solver {
     pass.index = static_cast<std::uint32_t>(done.size());
     pass.first_sample = pass.index * kBlockSamples;
     pass.sample_count = std::min(kBlockSamples, in_.plan.directions - pass.first_sample);
-    pass.work = pass.sample_count * work_of_sample();
+    pass.work = work_of(pass.sample_count);
     pass.completes = pass.index + 1 == max_passes();
     return pass;
   }
@@ -287,7 +287,9 @@ class PathSolver final : public Solver {
 
  private:
   /// In shadow rays: a path has a few segments, each with as many of them.
-  double work_of_sample() const { return 2 * std::min(4.0, 1 + double(in_.settings.bounces)); }
+  Work work_of(std::uint32_t paths) const {
+    return Work::directions(paths * 2 * std::min(4.0, 1 + double(in_.settings.bounces)));
+  }
 
   const SolverInput in_;
   SampleRounds rounds_;  ///< for their judgement only: a path bake makes none

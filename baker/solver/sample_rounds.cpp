@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "baker/solver/direct.h"
 #include "baker/solver/work.h"
 
 namespace kiln::baker {
@@ -12,9 +13,9 @@ namespace {
 constexpr float kDarkShare = 0.02f;
 /// A part of the light takes more samples where it has this share of the variance or more.
 constexpr float kMatters = 0.25f;
-/// Power of the number of samples with which the error falls, about; and at worst, by which the
-/// time that is left is told.
-constexpr double kSlope = 0.65, kWorstSlope = 0.55;
+/// Power of the number of samples with which the error falls, by which rounds are chosen; and what
+/// it comes to with all rounds together, by which the time that is left is told.
+constexpr double kSlope = 0.65, kExpectedSlope = 0.47;
 /// Doublings of one round.
 constexpr double kMostDoublings = 3;
 /// Texels inside other geometry have nothing to judge.
@@ -143,9 +144,9 @@ SampleRounds::Doublings SampleRounds::choose(TexelRange tile, const Lightmap& li
 
 /// Chooses the tiles of the next round, and looks ahead.
 void SampleRounds::foresee(const Lightmap& light) {
-  work_done_ += next_work_;
-  next_work_ = 0;
-  double all = 0;
+  if (next_work_.sum() > 0) work_done_ += next_work_ + judge_work();
+  next_work_ = {};
+  Work all;
   first_directions_.clear();
   adds_shadow_rays_ = false;
   tiles_.clear();
@@ -153,84 +154,97 @@ void SampleRounds::foresee(const Lightmap& light) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
     const Doublings chosen = tiles_.emplace_back(choose(tile, light));
     const double share = double(tile.size()) / light.size();
-    double work = 0;
+    Work work;
     adds_shadow_rays_ = adds_shadow_rays_ || chosen.shadow_rays > 0;
     std::uint32_t had = light.direct_samples[t];
     for (std::uint32_t i = 0; i < chosen.shadow_rays; ++i) {
-      work += share * cost(more_shadow_rays(had), 0);
+      work += cost(more_shadow_rays(had), 0);
       had += more_shadow_rays(had);
     }
     had = light.samples[t];
     for (std::uint32_t i = 0; i < chosen.directions && more_directions(had) > 0; ++i) {
       first_directions_.insert(had);
-      work += share * cost(0, more_directions(had));
+      work += cost(0, more_directions(had));
       had += more_directions(had);
     }
-    next_work_ += work;
-    all += work * std::exp2(doublings_left(tile));
+    next_work_ += work * share;
+    double direct = 0, gathered = 0;
+    for (std::uint32_t i = tile.begin; i < tile.end; ++i)
+      direct += double(filtered_->direct_variance[i]),
+          gathered += double(filtered_->gathered_variance[i]);
+    const Work to_target = work_to_target(over_target(tile), direct, gathered,
+                                          light.direct_samples[t], light.samples[t]);
+    all += (to_target.sum() > work.sum() ? to_target : work) * share;
   }
-  if (next_work_ > 0) next_work_ += work::kFilter, all += work::kFilter;
+  if (next_work_.sum() > 0) all += judge_work();
   expected_work_ = work_done_ + all;
 }
 
-/// In shadow rays per texel. Most texels take no directions where they are gathered coarsely.
-double SampleRounds::cost(std::uint32_t shadow_rays, std::uint32_t directions) const {
+/// Most texels take no directions where they are gathered coarsely.
+Work SampleRounds::cost(double shadow_rays, double directions) const {
   constexpr double kGatherShare = 0.45;
-  return shadow_rays + directions * work::kDirection * (in_.plan.coarse ? kGatherShare : 1);
+  const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
+  return Work::shadow_rays(shadow_rays * (many_lights ? work::kManyLightsRay : 1)) +
+         Work::directions(directions * work::kDirection * (in_.plan.coarse ? kGatherShare : 1));
 }
 
-void SampleRounds::guess(const Lightmap& light) {
-  // About what the filter leaves of the variance, how bright the indirect light will be against the
-  // direct, and how far the error that counts in a tile is above its mean.
-  const double left_direct = in_.filter ? 0.6 : 1, left_gathered = in_.filter ? 0.2 : 1;
-  constexpr double kIndirect = 0.3, kAboveMean = 1.4;
+Work SampleRounds::work_to_target(double over, double direct, double gathered,
+                                  std::uint32_t shadow_rays, std::uint32_t directions) const {
+  if (!(over > 1)) return {};
+  const double doublings =
+      std::clamp(std::log2(over) / kExpectedSlope, 1.0, double(std::max(1u, limit_)));
+  const double matters = kMatters * (direct + gathered), times = std::exp2(doublings) - 1;
+  const auto more = [&](bool can, double variance, std::uint32_t had, std::uint32_t most) {
+    return can && variance >= matters && most > had ? std::min(times * had, double(most - had))
+                                                    : 0.0;
+  };
+  return cost(more(can_add_shadow_rays_, direct, shadow_rays, in_.plan.most_shadow_rays),
+              more(can_add_directions_, gathered, directions, in_.plan.most_directions));
+}
+
+void SampleRounds::guess(const Lightmap& light, Known known) {
   if (!(in_.plan.target_error > 0) || light.size() == 0) return;
+  // Means over scenes. What the filter leaves of the variance; how far the error that counts in a
+  // tile is above its mean; all indirect light over the direct, and over the first bounce; and the
+  // error of a gather by 64 directions, relative to what they bring.
+  const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
+  const double left_direct = in_.filter ? (many_lights ? 0.1 : 0.4) : 1,
+               left_gathered = in_.filter ? 0.25 : 1;
+  constexpr double kAboveMean = 1.4, kIndirect = 0.8, kAllBounces = 1.7, kGatherError = 0.2;
+  const bool bounces = in_.settings.bounces > 0;
+  const double unknown = known == Known::kFirstBounce || !bounces ? 0 : kIndirect,
+               all_bounces = known == Known::kFirstBounce ? kAllBounces : 1;
   double mean = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t)
-    mean += double(luminance(light.irradiance(t))) / light.size();
-  struct Tile {
-    double share, over, extra;
-  };
-  std::vector<Tile> tiles;
-  double over_target = 0;
+    mean += double(luminance(light.direct[t] + light.sky[t])) / light.size();
+  Work work;
+  double above = 0;
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
     const double n = tile.size(), share = n / light.size();
-    double e = 0, direct = 0, gathered = 0;
+    double e = unknown * mean, direct = 0, gathered = 0;
     for (std::uint32_t i = tile.begin; i < tile.end; ++i) {
-      e += double(luminance(light.irradiance(i))) / n;
+      const double indirect = all_bounces * double(luminance(light.indirect[i]));
+      e += (double(luminance(light.direct[i] + light.sky[i])) + indirect) / n;
       direct += left_direct * std::pow(double(light.direct_spread[i]), 2) / n;
       gathered +=
-          left_gathered * std::pow(double(light.sky_spread[i] + light.indirect_spread[i]), 2) / n;
+          left_gathered / n *
+          std::pow(double(light.sky_spread[i]) + all_bounces * double(light.indirect_spread[i]), 2);
     }
-    const double scale = e + (kIndirect + double(kDarkShare)) * mean;
-    const double over = scale > 0 ? kAboveMean * std::sqrt(direct + gathered) /
-                                        (scale * double(in_.plan.target_error))
-                                  : 0;
-    const double matters = double(kMatters) * (direct + gathered);
-    const double times = std::exp2(std::ceil(std::log2(std::max(1.0, over)) / kWorstSlope)) - 1;
-    const auto more = [&](bool can, double variance, std::uint32_t had, std::uint32_t most) {
-      return can && variance >= matters ? std::min(times * had, double(most - had)) : 0.0;
-    };
-    const double rays = more(can_add_shadow_rays_, direct, in_.plan.shadow_rays,
-                             in_.plan.most_shadow_rays),
-                 directions = more(can_add_directions_, gathered, in_.plan.directions,
-                                   in_.plan.most_directions);
-    tiles.push_back({share, over, cost(std::uint32_t(rays), std::uint32_t(directions))});
-    if (over > 1) over_target += share;
+    if (unknown > 0)
+      gathered +=
+          left_gathered *
+          std::pow(kGatherError * std::pow(64.0 / in_.plan.directions, 0.7) * unknown * mean, 2);
+    const double scale = e + double(kDarkShare) * mean;
+    if (!(scale > 0)) continue;
+    const double over =
+        kAboveMean * std::sqrt(direct + gathered) / (scale * double(in_.plan.target_error));
+    if (over > 1) above += share;
+    work +=
+        work_to_target(over, direct, gathered, in_.plan.shadow_rays, in_.plan.directions) * share;
   }
-  expected_work_ = 0;
-  if (over_target <= 0.05) return;  // of the texels, that many may be
-  for (const Tile& tile : tiles)
-    if (tile.over > 1) expected_work_ += tile.share * tile.extra;
-  expected_work_ += work::kFilter;
-}
-
-/// Doublings of a tile that rounds after the next one will have to make, as far as can be foreseen.
-double SampleRounds::doublings_left(TexelRange tile) const {
-  const double over = over_target(tile);
-  if (!(over > 1)) return 0;
-  return std::max(0.0, std::min(std::log2(over) / kWorstSlope, double(limit_)) - kMostDoublings);
+  // Five texels in a hundred may be above the target.
+  expected_work_ = above > 0.05 ? work + judge_work() : Work{};
 }
 
 }  // namespace kiln::baker

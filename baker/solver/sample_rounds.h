@@ -35,8 +35,10 @@ class SampleRounds {
   /// Looks at the light after a pass that left it complete: says in the report what its error is.
   /// False when stopped.
   bool judge(const Lightmap&, const Workers&, proto::PassReport&);
-  /// Before there is light to judge: guesses the effort of all rounds by how the samples scatter.
-  void guess(const Lightmap&);
+  enum class Known { kDirect, kFirstBounce };
+  /// Before there is light to judge: guesses the effort of all rounds by how the samples scatter,
+  /// and by what is usual of the light that is not known yet.
+  void guess(const Lightmap&, Known);
   /// Before a round: makes sure that its tiles are chosen. False when stopped.
   bool begin(const Lightmap&, const Workers&);
 
@@ -54,10 +56,11 @@ class SampleRounds {
   /// Numbers of directions that are doubled.
   const std::set<std::uint32_t>& first_directions() const { return first_directions_; }
 
-  /// Expected effort in shadow rays per texel: of the next round, and of all rounds, those done
-  /// included.
-  double next_work() const { return next_work_; }
-  double expected_work() const { return expected_work_; }
+  /// Expected effort: of the batches of the next round; and of all rounds, those done included.
+  Work next_work() const { return next_work_; }
+  Work expected_work() const { return expected_work_; }
+  /// Of judge().
+  static Work judge_work() { return Work::other(work::kFilter); }
 
   /// The light filtered. Nothing when stopped.
   std::optional<FilteredLight> filtered(const Lightmap&, const Workers&);
@@ -66,8 +69,11 @@ class SampleRounds {
   Doublings choose(TexelRange tile, const Lightmap&) const;
   void foresee(const Lightmap&);
   double over_target(TexelRange tile) const;
-  double cost(std::uint32_t shadow_rays, std::uint32_t directions) const;
-  double doublings_left(TexelRange tile) const;
+  Work cost(double shadow_rays, double directions) const;
+  /// Expected effort until an error that is `over` times the target has come down to it.
+  /// @param direct variance of direct light, @param gathered of the rest: what is large matters
+  Work work_to_target(double over, double direct, double gathered, std::uint32_t shadow_rays,
+                      std::uint32_t directions) const;
 
   const SolverInput& in_;
   FilterBank bank_;
@@ -79,7 +85,7 @@ class SampleRounds {
   std::vector<Doublings> tiles_;           ///< of the next round
   std::set<std::uint32_t> first_directions_;
   bool adds_shadow_rays_ = false;
-  double next_work_ = 0, expected_work_ = 0, work_done_ = 0;
+  Work next_work_, expected_work_, work_done_;
 };
 
 }  // namespace kiln::baker

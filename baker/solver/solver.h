@@ -15,6 +15,7 @@
 #include "baker/solver/lightmap.h"
 #include "baker/solver/sample_plan.h"
 #include "baker/solver/texel_lookup.h"
+#include "baker/solver/work.h"
 #include "baker/trace/ray_scene.h"
 #include "proto/bake_settings.h"
 #include "proto/manifest.h"
@@ -40,7 +41,8 @@ struct Pass {
   std::uint32_t index = 0;           ///< over the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
   std::uint32_t first_sample = 0, sample_count = 0;  ///< of each texel
-  double work = 1;                                   ///< expected effort, in shadow rays per texel
+  Work work;                                         ///< expected effort of the batches
+  Work finish_work;                                  ///< and of finish()
   bool fills_state = false;  ///< leaves in Solver::state() what later passes read
   bool completes = false;    ///< the light has all its bounces afterwards
   double tail_scale = 0;     ///< factor on the update that stands for the bounces that are left out
@@ -56,8 +58,8 @@ class Solver {
   /// reached.
   virtual std::optional<Pass> next(std::span<const proto::PassReport> done) const = 0;
   virtual std::uint32_t max_passes() const = 0;
-  /// Expected effort of all passes, in the unit of Pass::work. May change with what they find.
-  virtual double total_work() const = 0;
+  /// Expected effort of all passes. May change with what they find.
+  virtual Work total_work() const = 0;
   /// Called once before the pass's batches, from one thread. `after` is a copy of `before`; makes
   /// its own the planes that the pass changes. False when stopped.
   virtual bool begin(const Pass&, const Lightmap& before, Lightmap& after, const Workers&) = 0;

@@ -1,14 +1,42 @@
 #pragma once
 
-/// About what parts of a bake cost, in shadow rays: for the estimates of progress and of the time
-/// that is left, nothing else. Measured over six scenes, and rough: the ratios
-/// differ by two from scene to scene.
-namespace kiln::baker::work {
+#include <array>
+#include <cstddef>
 
-inline constexpr double kDirection = 1.1;  ///< a gathering ray
-inline constexpr double kLookUp = 0.04;    ///< what a ray has met, looked up by a bounce
-inline constexpr double kTexel = 0.5;      ///< a bounce, beside its look-ups
-inline constexpr double kFilter = 11;      ///< filtering and judging the light of a texel
-inline constexpr double kOutput = 7;       ///< writing a texel
+namespace kiln::baker {
 
-}  // namespace kiln::baker::work
+/// Expected effort, for the estimates of progress and of the time that is left, nothing else: about
+/// what a shadow ray costs for every texel. By kind, since the ratios between kinds differ by four
+/// from scene to scene, and are known once something of each has been done.
+struct Work {
+  enum Kind { kShadowRays, kDirections, kOther, kKinds };
+  std::array<double, kKinds> of{};
+
+  static Work shadow_rays(double n) { return {{n, 0, 0}}; }
+  static Work directions(double n) { return {{0, n, 0}}; }
+  static Work other(double n) { return {{0, 0, n}}; }
+
+  double sum() const { return of[0] + of[1] + of[2]; }
+  Work& operator+=(const Work& o) {
+    for (std::size_t k = 0; k < kKinds; ++k) of[k] += o.of[k];
+    return *this;
+  }
+  friend Work operator+(Work a, const Work& b) { return a += b; }
+  friend Work operator*(Work a, double s) {
+    for (double& k : a.of) k *= s;
+    return a;
+  }
+};
+
+/// About what parts of a bake cost. Measured over six scenes, and rough.
+namespace work {
+
+inline constexpr double kDirection = 1.1;    ///< a gathering ray
+inline constexpr double kLookUp = 0.04;      ///< what a ray has met, looked up by a bounce
+inline constexpr double kTexel = 1.2;        ///< a bounce, beside its look-ups
+inline constexpr double kManyLightsRay = 3;  ///< a shadow ray where there are many lights
+inline constexpr double kFilter = 14;        ///< filtering and judging the light of a texel
+inline constexpr double kOutput = 7;         ///< writing a texel
+
+}  // namespace work
+}  // namespace kiln::baker

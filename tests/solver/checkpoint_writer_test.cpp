@@ -33,7 +33,7 @@ class Passes final : public Solver {
     return pass(index, index < filling_);
   }
   std::uint32_t max_passes() const override { return 100; }
-  double total_work() const override { return 1; }
+  Work total_work() const override { return Work::other(1); }
   bool begin(const Pass&, const Lightmap&, Lightmap&, const Workers&) override { return true; }
   std::uint64_t run(const Pass&, const Lightmap&, TexelRange, Lightmap&) override { return 0; }
   std::span<std::byte> state() override { return state_; }

@@ -1,0 +1,63 @@
+#include "baker/pace.h"
+
+#include <algorithm>
+
+namespace kiln::baker {
+namespace {
+
+double seconds_between(Pace::Clock::time_point from, Pace::Clock::time_point to) {
+  return std::chrono::duration<double>(to - from).count();
+}
+
+double dot(const std::array<double, Work::kKinds>& rates, const Work& work) {
+  double seconds = 0;
+  for (std::size_t k = 0; k < Work::kKinds; ++k) seconds += rates[k] * work.of[k];
+  return seconds;
+}
+
+}  // namespace
+
+/// Kinds of which nothing has been done yet go as fast as the others together.
+Pace::Rates Pace::Timed::rates() const {
+  double all_seconds = 0, all_work = 0;
+  for (std::size_t k = 0; k < Work::kKinds; ++k) all_seconds += seconds[k], all_work += work[k];
+  const double common = all_work > 0 ? all_seconds / all_work : 1;
+  Rates r;
+  for (std::size_t k = 0; k < Work::kKinds; ++k) r[k] = work[k] > 0 ? seconds[k] / work[k] : common;
+  return r;
+}
+
+void Pace::Timed::add(const Work& more, double its_seconds) {
+  const Rates r = rates();
+  const double expected = dot(r, more);
+  if (!(expected > 0)) return;
+  for (std::size_t k = 0; k < Work::kKinds; ++k) {
+    seconds[k] += its_seconds * r[k] * more.of[k] / expected;
+    work[k] += more.of[k];
+  }
+}
+
+Pace::Ahead Pace::ahead(const Pass& pass, double share, const Work& all,
+                        Clock::time_point now) const {
+  constexpr double kLeastSeconds = 0.1;
+  const Work by_now = done_ + pass.work * share;
+  Work left;
+  for (std::size_t k = 0; k < Work::kKinds; ++k)
+    left.of[k] = std::max(all.of[k] - by_now.of[k], 0.0);
+  const double sum = by_now.sum() + left.sum();
+  Ahead ahead;
+  ahead.share_done = sum > 0 ? by_now.sum() / sum : 0;
+  Timed timed = timed_;
+  timed.add(pass.work * share, seconds_between(pass_start_, now));
+  if (seconds_between(start_, now) >= kLeastSeconds) ahead.seconds_left = dot(timed.rates(), left);
+  return ahead;
+}
+
+void Pace::end_pass(const Pass& pass, Clock::time_point now) {
+  const Work work = pass.work + pass.finish_work;
+  timed_.add(work, seconds_between(pass_start_, now));
+  done_ += work;
+  pass_start_ = now;
+}
+
+}  // namespace kiln::baker

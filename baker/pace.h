@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <optional>
+
+#include "baker/solver/solver.h"
+#include "baker/solver/work.h"
+
+namespace kiln::baker {
+
+/// How fast a solver goes, and so how long it will take. end_pass() is called between passes, the
+/// others from any thread.
+class Pace {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// @param done before, by an earlier attempt: nobody knows how fast
+  explicit Pace(const Work& done, Clock::time_point now = Clock::now())
+      : start_(now), pass_start_(now), done_(done) {}
+
+  /// @param share of the pass's batches that is done
+  /// @param all that there is to do, as far as is known now
+  struct Ahead {
+    double share_done = 0;               ///< of all
+    std::optional<double> seconds_left;  ///< nothing until enough has been done to tell
+  };
+  Ahead ahead(const Pass&, double share, const Work& all, Clock::time_point = Clock::now()) const;
+  void end_pass(const Pass&, Clock::time_point = Clock::now());
+
+ private:
+  using Rates = std::array<double, Work::kKinds>;  ///< s per unit
+  /// What has been timed.
+  struct Timed {
+    std::array<double, Work::kKinds> seconds{}, work{};
+
+    Rates rates() const;
+    /// `seconds` for `work`, shared out by the rates so far.
+    void add(const Work& work, double seconds);
+  };
+
+  Clock::time_point start_, pass_start_;
+  Work done_;  ///< passes that have ended
+  Timed timed_;
+};
+
+}  // namespace kiln::baker
