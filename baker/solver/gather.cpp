@@ -2,28 +2,26 @@
 
 #include <array>
 #include <bit>
-#include <cmath>
 #include <map>
 #include <utility>
 
-#include "baker/solver/bounce_plan.h"
 #include "baker/solver/coarse_sites.h"
 #include "baker/solver/direct.h"
 #include "baker/solver/feedback.h"
+#include "baker/solver/gather_schedule.h"
 #include "baker/solver/hemisphere.h"
 #include "baker/solver/hit_memory.h"
 #include "baker/solver/sample_rounds.h"
-#include "baker/solver/work.h"
 
 namespace kiln::baker {
 namespace {
 
 /// Fewest directions that feed the bounces.
 constexpr std::uint32_t kMinFeedbackSamples = 16;
-/// Bounces after which most scenes have converged; for the estimate of progress only.
-constexpr std::uint32_t kTypicalBounces = 10;
 
 class GatherSolver final : public Solver {
+  using Schedule = GatherSchedule;
+
  public:
   GatherSolver(const SolverInput& in, std::uint64_t hit_budget)
       : in_(in),
@@ -34,28 +32,16 @@ class GatherSolver final : public Solver {
         hemisphere_(in_, packets_),
         feedback_(in_),
         set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
-        bounces_(in_.settings, set_, first_bounce()),
         rounds_(in_, set_.size()),
-        needs_rays_(in.settings.bounces > 0 || in.scene.has_sky()) {
-    if (needs_rays_) hits_ = HitMemory(in.texels.size(), set_.size());
+        schedule_(in_, set_, rounds_) {
+    if (schedule_.needs_rays()) hits_ = HitMemory(in.texels.size(), set_.size());
   }
 
-  std::uint32_t max_passes() const override {
-    return (needs_rays_ ? first_bounce() + in_.settings.bounces : 1) + rounds_.limit();
+  std::uint32_t max_passes() const override { return schedule_.max_passes(); }
+  Work total_work() const override { return schedule_.total_work(); }
+  std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
+    return schedule_.next(done);
   }
-
-  Work total_work() const override {
-    Work work = direct_work() + rounds_.expected_work() + SampleRounds::judge_work();
-    if (!needs_rays_) return work;
-    work += trace_work();
-    if (plan_.coarse) work += refine_work();
-    const std::uint32_t bounces = std::min(kTypicalBounces, in_.settings.bounces);
-    for (std::uint32_t b = 0; b < bounces; ++b)
-      work += look_up_work(bounces_.directions_for(std::pow(0.5, b)));
-    return work;
-  }
-
-  std::optional<Pass> next(std::span<const proto::PassReport> done) const override;
   bool begin(const Pass& pass, const Lightmap& before, Lightmap& after,
              const Workers& workers) override;
   std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,
@@ -68,42 +54,10 @@ class GatherSolver final : public Solver {
   std::optional<FilteredLight> filtered(const Lightmap& light, const Workers& workers) override {
     return rounds_.filtered(light, workers);
   }
-  std::string ray_pattern() const override { return needs_rays_ ? packets_.name() : ""; }
+  std::string ray_pattern() const override { return schedule_.needs_rays() ? packets_.name() : ""; }
 
  private:
   static_assert(Hemisphere::kTileTexels == SampleRounds::kTileTexels);
-  static constexpr const char* kDirect = "direct";
-  static constexpr const char* kTrace = "trace";
-  static constexpr const char* kRefine = "refine";
-  static constexpr const char* kBounce = "bounce";
-  static constexpr const char* kTail = "tail";
-  static constexpr const char* kRound = SampleRounds::kName;
-
-  /// Passes before the first bounce.
-  std::uint32_t first_bounce() const { return plan_.coarse ? 3 : 2; }
-  void plan_bounce(std::span<const proto::PassReport> done, Pass& pass) const;
-
-  Work direct_work() const {
-    constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
-    const std::size_t lights = in_.lights.area().size();
-    const double area = lights == 0                         ? 0
-                        : lights <= DirectLight::kFewLights ? kSent
-                                                            : work::kManyLightsRay;
-    const double sky = in_.lights.has_bright_sky() ? 1 : 0;
-    const double punctual = double(in_.lights.punctual().size()) * TextureGroup::kPointsPerTexel;
-    return Work::shadow_rays((area + sky) * plan_.shadow_rays + punctual);
-  }
-  /// Every fourth texel is a site, and charts are edged by texels without sites around them.
-  Work trace_work() const { return directions_work(plan_.coarse ? 0.35 : 1); }
-  Work refine_work() const { return directions_work(0.1); }
-  Work directions_work(double share_of_texels) const {
-    return Work::directions(work::kDirection * set_.size() * share_of_texels);
-  }
-  Work look_up_work(std::uint32_t directions) const {
-    const double look_ups = directions * (plan_.coarse ? 0.45 : 1);
-    return Work::other(work::kTexel + work::kLookUp * look_ups);
-  }
-
   static std::uint32_t feedback_samples(const SolverInput& in, std::uint64_t budget) {
     const std::uint32_t wanted = in.plan.directions;
     const std::uint64_t affordable =
@@ -154,81 +108,36 @@ class GatherSolver final : public Solver {
   const Hemisphere hemisphere_;
   Feedback feedback_;
   const DirectionSet set_;  ///< of the rays whose hits are remembered
-  const BouncePlan bounces_;
   SampleRounds rounds_;
+  const GatherSchedule schedule_;
   std::map<std::uint32_t, DirectionSet> leading_;  ///< of those that a bounce reads, by their count
   std::map<std::uint32_t, DirectionSet> more_;     ///< those of a round, by the samples before them
-  bool needs_rays_;
   HitMemory hits_;
 };
 
-std::optional<Pass> GatherSolver::next(std::span<const proto::PassReport> done) const {
-  Pass pass;
-  pass.index = static_cast<std::uint32_t>(done.size());
-  if (done.empty()) {
-    pass.name = kDirect;
-    pass.completes = !needs_rays_;
-    pass.work = direct_work();
-    if (pass.completes) pass.finish_work = SampleRounds::judge_work();
-    return pass;
-  }
-  if (needs_rays_ && done.size() < first_bounce()) {
-    pass.name = done.size() == 1 ? kTrace : kRefine;
-    pass.fills_state = true;
-    pass.completes = bounces_.limit() == 0 && done.size() + 1 == first_bounce();
-    pass.work = done.size() == 1 ? trace_work() : refine_work();
-    if (pass.completes) pass.finish_work = SampleRounds::judge_work();
-    return pass;
-  }
-  // The passes that bring new light come first, those that only add samples follow.
-  const std::string& last = done.back().name;
-  const bool complete =
-      !needs_rays_ || last == kTail || last == kRound || bounces_.is_complete(done);
-  if (!complete) {
-    plan_bounce(done, pass);
-    return pass;
-  }
-  if (!rounds_.wants_another(done)) return std::nullopt;
-  pass.name = kRound;
-  pass.work = rounds_.next_work();
-  pass.finish_work = SampleRounds::judge_work();
-  pass.completes = true;
-  return pass;
-}
-
-/// Another bounce of what the one before has changed.
-void GatherSolver::plan_bounce(std::span<const proto::PassReport> done, Pass& pass) const {
-  const BouncePlan::Bounce bounce = bounces_.next(done);
-  pass.name = bounce.stands_for_others ? kTail : kBounce;
-  pass.batch_texels = 4096;
-  pass.completes = bounce.last;
-  pass.tail_scale = bounce.tail_scale;
-  pass.sample_count = bounce.directions;
-  pass.work = look_up_work(pass.sample_count);
-  if (pass.completes) pass.finish_work = SampleRounds::judge_work();
-}
-
 /// Makes those planes the pass's own that it changes.
 void GatherSolver::own_planes(const Pass& pass, Lightmap& after) const {
-  const bool round = pass.name == kRound, bounces = pass.name == kBounce || pass.name == kTail;
-  if (pass.name == kDirect || (round && rounds_.adds_shadow_rays()))
+  const bool round = pass.name == Schedule::kRound, bounces = Schedule::is_bounce(pass);
+  if (pass.name == Schedule::kDirect || (round && rounds_.adds_shadow_rays()))
     after.direct.own(), after.direct_spread.own(), after.direct_samples.own();
-  if (pass.name == kTrace || pass.name == kRefine) after.validity.own(), after.gathers.own();
+  if (pass.name == Schedule::kTrace || pass.name == Schedule::kRefine)
+    after.validity.own(), after.gathers.own();
   if (bounces) after.radiosity.renew();
-  if (pass.name == kDirect || (round && !rounds_.adds_directions())) return;
+  if (pass.name == Schedule::kDirect || (round && !rounds_.adds_directions())) return;
   after.indirect.own(), after.indirect_spread.own();
   if (!bounces) after.sky.own(), after.sky_spread.own(), after.samples.own();
 }
 
 bool GatherSolver::begin(const Pass& pass, const Lightmap& before, Lightmap& after,
                          const Workers& workers) {
-  const bool bounces = pass.name == kBounce || pass.name == kTail;
+  const bool bounces = Schedule::is_bounce(pass);
   if (bounces && !feedback_.knows_hidden()) feedback_.find_hidden(before);
-  if ((bounces || (pass.name == kTrace && plan_.coarse)) && !feedback_.read(before, workers))
+  if ((bounces || (pass.name == Schedule::kTrace && plan_.coarse)) &&
+      !feedback_.read(before, workers))
     return false;
-  if (pass.name == kTail) feedback_.scale(1 + float(pass.tail_scale));
+  if (pass.name == Schedule::kTail) feedback_.scale(1 + float(pass.tail_scale));
   if (bounces) leading_.try_emplace(pass.sample_count, set_.leading(pass.sample_count));
-  if (pass.name == kRound && !begin_round(before, workers)) return false;
+  if (pass.name == Schedule::kRound && !begin_round(before, workers)) return false;
   own_planes(pass, after);
   return true;
 }
@@ -246,10 +155,10 @@ bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
 
 std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelRange range,
                                 Lightmap& after) {
-  if (pass.name == kTrace) return trace(range, after);
-  if (pass.name == kRefine) return refine(range, before, after);
-  if (pass.name == kRound) return add_samples(range, after);
-  if (pass.name == kDirect) {
+  if (pass.name == Schedule::kTrace) return trace(range, after);
+  if (pass.name == Schedule::kRefine) return refine(range, before, after);
+  if (pass.name == Schedule::kRound) return add_samples(range, after);
+  if (pass.name == Schedule::kDirect) {
     const std::uint32_t count = plan_.shadow_rays;
     for (std::uint32_t t = range.begin; t < range.end; ++t) after.direct_samples[t] = count;
     return direct_.run(range, 0, count, [&](std::uint32_t t, const Estimate& e) {
@@ -263,8 +172,8 @@ std::uint64_t GatherSolver::run(const Pass& pass, const Lightmap& before, TexelR
 /// When something new is known of the light that rounds will sample.
 void GatherSolver::guess_rounds(const Pass& pass, const Lightmap& after) {
   const bool first_bounce_known =
-      plan_.coarse ? pass.name != kDirect : pass.index >= first_bounce();
-  if (pass.completes || pass.index > first_bounce()) return;
+      plan_.coarse ? pass.name != Schedule::kDirect : pass.index >= schedule_.first_bounce();
+  if (pass.completes || pass.index > schedule_.first_bounce()) return;
   rounds_.guess(after, first_bounce_known && in_.settings.bounces > 0
                            ? SampleRounds::Known::kFirstBounce
                            : SampleRounds::Known::kDirect);
@@ -272,15 +181,16 @@ void GatherSolver::guess_rounds(const Pass& pass, const Lightmap& after) {
 
 bool GatherSolver::finish(const Pass& pass, Lightmap& after, const Workers& workers,
                           proto::PassReport& report) {
-  if (pass.name == kRefine) guess_rounds(pass, after);
-  if (pass.name == kRefine && in_.settings.bounces > 0) {
+  if (pass.name == Schedule::kRefine) guess_rounds(pass, after);
+  if (pass.name == Schedule::kRefine && in_.settings.bounces > 0) {
     // What the sites were compared by is no bounce yet.
     after.indirect.renew();
     after.indirect_spread.renew();
   }
-  if (needs_rays_ && pass.name != kDirect && plan_.coarse && !interpolate(pass, after, workers))
+  if (schedule_.needs_rays() && pass.name != Schedule::kDirect && plan_.coarse &&
+      !interpolate(pass, after, workers))
     return false;
-  if (pass.name != kRefine) guess_rounds(pass, after);
+  if (pass.name != Schedule::kRefine) guess_rounds(pass, after);
   if (!pass.completes) return true;
   // The memory of what later passes make anew is free for the filter.
   hits_.forget();
@@ -398,13 +308,13 @@ std::uint64_t GatherSolver::add_directions(TexelRange tile, const DirectionSet& 
 /// Fills the texels between the sites.
 bool GatherSolver::interpolate(const Pass& pass, Lightmap& light, const Workers& workers) {
   constexpr std::uint32_t kRunTexels = 4096;
-  if (pass.name == kRound && !rounds_.adds_directions()) return true;
+  if (pass.name == Schedule::kRound && !rounds_.adds_directions()) return true;
   const auto fill = [](std::uint32_t t, const CoarseSites::Sites& sites, auto& plane) {
     auto sum = plane[sites.texel[0]];
     for (const std::uint32_t s : sites.all().subspan(1)) sum += plane[s];
     plane[t] = sum * (1 / float(sites.count));
   };
-  const bool sky_too = pass.name != kBounce && pass.name != kTail;
+  const bool sky_too = !Schedule::is_bounce(pass);
   return workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
       if (std::as_const(light.gathers)[t]) continue;
