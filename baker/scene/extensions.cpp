@@ -47,8 +47,8 @@ constexpr Known kKnown[] = {
     {"EXT_mesh_gpu_instancing", false, "each instanced mesh is baked once, at its node"},
     {"KHR_draco_mesh_compression", false, "the uncompressed accessors are read"},
     {"EXT_meshopt_compression", false, "the uncompressed buffers are read"},
-    {"EXT_texture_webp", false, "textures that have no PNG or JPEG are left out"},
-    {"KHR_texture_basisu", false, "textures that have no PNG or JPEG are left out"},
+    {"EXT_texture_webp", true, ""},
+    {"KHR_texture_basisu", false, "textures that have no other image are left out"},
 };
 
 const Known* find_known(std::string_view name) {

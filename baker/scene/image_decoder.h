@@ -21,10 +21,12 @@ using ImageTexels = std::span<std::array<std::uint8_t, 4>>;
 
 bool is_png(std::string_view bytes);
 bool is_jpeg(std::string_view bytes);
+bool is_webp(std::string_view bytes);
 
 /// Size that the header declares, nothing when there is none to be found. Takes no memory.
 std::optional<ImageSize> png_size(std::string_view bytes);
 std::optional<ImageSize> jpeg_size(std::string_view bytes);
+std::optional<ImageSize> webp_size(std::string_view bytes);
 
 /// Fill `texels`, which has one entry per pixel of the declared size. Grey becomes RGB; palettes
 /// become colours; 16 bits per channel are rounded to 8; colours are neither converted nor
@@ -34,6 +36,8 @@ std::optional<ImageSize> jpeg_size(std::string_view bytes);
 proto::Expected<std::string> decode_png(std::string_view bytes, ImageSize declared,
                                         ImageTexels texels, const std::stop_token&);
 proto::Expected<std::string> decode_jpeg(std::string_view bytes, ImageSize declared,
+                                         ImageTexels texels, const std::stop_token&);
+proto::Expected<std::string> decode_webp(std::string_view bytes, ImageSize declared,
                                          ImageTexels texels, const std::stop_token&);
 
 }  // namespace kiln::baker

@@ -1,5 +1,7 @@
 #include "baker/scene/images.h"
 
+#include <algorithm>
+#include <iterator>
 #include <set>
 
 #include "baker/scene/errors.h"
@@ -48,6 +50,22 @@ std::set<std::int32_t> used_images(const std::vector<Material>& materials) {
   return used;
 }
 
+/// A format by its first bytes.
+struct Format {
+  bool (*is)(std::string_view);
+  std::optional<ImageSize> (*size)(std::string_view);
+  Expected<std::string> (*decode)(std::string_view, ImageSize, ImageTexels, const std::stop_token&);
+};
+constexpr Format kFormats[] = {{is_png, png_size, decode_png},
+                               {is_jpeg, jpeg_size, decode_jpeg},
+                               {is_webp, webp_size, decode_webp}};
+
+const Format* format_of(std::string_view bytes) {
+  const auto* found = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                   [&](const Format& f) { return f.is(bytes); });
+  return found == std::end(kFormats) ? nullptr : found;
+}
+
 class Decoder {
  public:
   Decoder(Document& document, Scene& scene, const ImportLimits& limits, const std::stop_token& stop)
@@ -57,17 +75,16 @@ class Decoder {
         stop_(stop),
         pixels_left_(limits.all_image_pixels) {}
 
-  /// Appends one image, PNG or JPEG, to the scene.
-  Expected<void> decode(std::string_view bytes, std::int32_t image) {
-    const bool png = is_png(bytes);
-    const auto size = png ? png_size(bytes) : jpeg_size(bytes);
+  /// Appends one image to the scene.
+  Expected<void> decode(const Format& format, std::string_view bytes, std::int32_t image) {
+    const auto size = format.size(bytes);
     if (!size) return broken("the image's header can't be read", image);
     // First, because the library may take memory for the whole image when it opens it.
     if (auto fits = check_size(*size, image); !fits) return fits;
     const std::size_t first = scene_.image_texels.size();
     scene_.image_texels.resize(first + std::size_t(size->width) * size->height);
     const ImageTexels texels = ImageTexels(scene_.image_texels).subspan(first);
-    const auto damage = (png ? decode_png : decode_jpeg)(bytes, *size, texels, stop_);
+    const auto damage = format.decode(bytes, *size, texels, stop_);
     if (!damage && damage.error().code == proto::kCanceledCode) return Unexpected(damage.error());
     if (!damage)
       return broken("the image can't be decoded: " + shortened(damage.error().message, 200), image);
@@ -109,12 +126,13 @@ Expected<void> load_images(Document& document, Scene& scene, const ImportLimits&
   for (const std::int32_t image : used_images(scene.materials)) {
     const auto bytes = image_bytes(document, image);
     if (!bytes) return Unexpected(bytes.error());
-    if (!is_png(*bytes) && !is_jpeg(*bytes)) {
+    const Format* format = format_of(*bytes);
+    if (!format) {
       document.warnings.add("image_ignored", image_pointer(image),
-                            "the image is neither PNG nor JPEG: the factor alone is used");
+                            "the image is neither PNG, JPEG nor WebP: the factor alone is used");
       continue;
     }
-    if (auto decoded = decoder.decode(*bytes, image); !decoded) return decoded;
+    if (auto decoded = decoder.decode(*format, *bytes, image); !decoded) return decoded;
     place[static_cast<std::size_t>(image)] = static_cast<std::int32_t>(scene.images.size()) - 1;
   }
   const auto rename = [&](Texture& texture) {

@@ -30,16 +30,18 @@ Wrap wrap_of(int mode) {
 
 /// Image of a texture, -1 when it has none that can be read.
 std::int32_t image_of(Document& document, const tinygltf::Texture& texture, const std::string& at) {
-  if (texture.source >= 0) return texture.source;
-  for (const char* extension : {"EXT_texture_webp", "KHR_texture_basisu"}) {
-    if (!texture.extensions.contains(extension)) continue;
-    document.warnings.add("texture_ignored", at,
-                          std::string("the texture has no image but that of ") + extension +
-                              ": the factor alone is used");
-    return -1;
+  // Where there are two, `source` is for those that can't read the other.
+  if (const auto webp = texture.extensions.find("EXT_texture_webp");
+      webp != texture.extensions.end()) {
+    const tinygltf::Value& source = member(webp->second, "source");
+    if (source.IsNumber()) return source.GetNumberAsInt();
   }
+  if (texture.source >= 0) return texture.source;
+  const bool basisu = texture.extensions.contains("KHR_texture_basisu");
   document.warnings.add("texture_ignored", at,
-                        "the texture has no image: the factor alone is used");
+                        std::string("the texture has no image") +
+                            (basisu ? " but that of KHR_texture_basisu" : "") +
+                            ": the factor alone is used");
   return -1;
 }
 

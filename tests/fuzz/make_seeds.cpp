@@ -1,4 +1,6 @@
 // Writes the inputs that fuzzing starts from: fuzz_seeds FOLDER makes FOLDER/<target>/<number>.
+#include <webp/encode.h>
+
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -31,6 +33,18 @@ class Seeds {
   fs::path folder_;
   int next_ = 0;
 };
+
+/// A picture of 8 x 8 pixels with alpha.
+std::string webp_file(bool lossless) {
+  std::vector<std::uint8_t> rgba;
+  for (int i = 0; i < 8 * 8 * 4; ++i) rgba.push_back(std::uint8_t(i * 37 / 5));
+  std::uint8_t* bytes = nullptr;
+  const std::size_t size = lossless ? WebPEncodeLosslessRGBA(rgba.data(), 8, 8, 32, &bytes)
+                                    : WebPEncodeRGBA(rgba.data(), 8, 8, 32, 70, &bytes);
+  std::string file(reinterpret_cast<const char*>(bytes), size);
+  WebPFree(bytes);
+  return file;
+}
 
 /// Documents with one of each thing that the importer knows.
 std::vector<std::string> documents() {
@@ -89,6 +103,16 @@ std::vector<std::string> documents() {
   test::GltfBuilder side = test::triangle_builder();
   side.json["buffers"] = {{{"byteLength", side.binary.size()}, {"uri", "a.bin"}}};
   out.push_back(side.document(false).dump());
+  for (const bool lossless : {false, true}) {
+    test::GltfBuilder image = test::triangle_builder();
+    const std::string webp = webp_file(lossless);
+    image.add(
+        "textures",
+        {{"extensions", {{"EXT_texture_webp", {{"source", image.image(webp, "image/webp")}}}}}});
+    image.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}});
+    image.json["meshes"][0]["primitives"][0]["material"] = 0;
+    out.push_back(image.glb());
+  }
   for (const int depth : {1, 2, 4, 16}) {
     test::GltfBuilder image = test::triangle_builder();
     image.add("textures",

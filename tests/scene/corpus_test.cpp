@@ -129,7 +129,6 @@ constexpr Waiting kWaiting[] = {
     {"derived/ShapeCollection_draco.glb", "KHR_draco_mesh_compression"},
     {"derived/CornellBox_meshopt.glb", "EXT_meshopt_compression"},
     {"derived/tile-room_meshopt.glb", "EXT_meshopt_compression"},
-    {"derived/BoxTextured_webp.glb", "EXT_texture_webp"},
 };
 
 const Waiting* find_waiting(const std::string& file) {

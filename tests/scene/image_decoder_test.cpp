@@ -1,8 +1,9 @@
-// PNG and JPEG bytes to texels, against what was encoded.
+// PNG, JPEG and WebP bytes to texels, against what was encoded.
 #include "baker/scene/image_decoder.h"
 
 #include <gtest/gtest.h>
 #include <png.h>
+#include <webp/encode.h>
 
 #include <cmath>
 #include <cstdio>
@@ -202,7 +203,84 @@ TEST(ImageDecoder, PngPaletteWithTransparency) {
   EXPECT_EQ(texels[60], (Texels::value_type{10, 20, 30, 7}));
 }
 
-TEST(ImageDecoder, StopRequestEndsBoth) {
+/// @param quality of a lossy picture; 0: lossless
+std::string encode_webp(const std::vector<std::uint8_t>& rgba, float quality = 0) {
+  std::uint8_t* bytes = nullptr;
+  const std::size_t size =
+      quality > 0 ? WebPEncodeRGBA(rgba.data(), kWidth, kHeight, 4 * kWidth, quality, &bytes)
+                  : WebPEncodeLosslessRGBA(rgba.data(), kWidth, kHeight, 4 * kWidth, &bytes);
+  std::string file(reinterpret_cast<const char*>(bytes), size);
+  WebPFree(bytes);
+  return file;
+}
+
+std::vector<std::uint8_t> opaque_picture() {
+  std::vector<std::uint8_t> rgba = picture(4);
+  for (std::size_t i = 3; i < rgba.size(); i += 4) rgba[i] = 255;
+  return rgba;
+}
+
+Texels decoded_webp(const std::string& file) {
+  const ImageSize size{kWidth, kHeight};
+  EXPECT_TRUE(is_webp(file));
+  EXPECT_EQ(webp_size(file).value_or(ImageSize{}).width, kWidth);
+  EXPECT_EQ(webp_size(file).value_or(ImageSize{}).height, kHeight);
+  Texels texels(std::size_t(kWidth) * kHeight);
+  const auto damage = decode_webp(file, size, texels, {});
+  EXPECT_EQ(damage ? *damage : damage.error().message, "");
+  return texels;
+}
+
+TEST(ImageDecoder, WebpLosslessAndLossy) {
+  expect_picture(decoded_webp(encode_webp(opaque_picture())), 0, shade);
+  expect_picture(decoded_webp(encode_webp(opaque_picture(), 98)), 12, shade);
+  // Alpha of both; colours are not multiplied by it.
+  std::vector<std::uint8_t> rgba = picture(4);
+  for (const float quality : {0.f, 98.f}) {
+    const Texels texels = decoded_webp(encode_webp(rgba, quality));
+    for (std::size_t i = 0; i < texels.size(); ++i) {
+      ASSERT_EQ(texels[i][3], rgba[4 * i + 3]);
+      ASSERT_NEAR(texels[i][0], rgba[4 * i], quality > 0 ? 12 : 0);
+    }
+  }
+}
+
+TEST(ImageDecoder, WebpThatIsBrokenIsAnError) {
+  for (const float quality : {0.f, 80.f}) {
+    const std::string file = encode_webp(picture(4), quality);
+    Texels texels(std::size_t(kWidth) * kHeight);
+    std::uint32_t random = 1, refused = 0;
+    for (std::size_t n = 30; n < file.size(); n += 7) {
+      const std::vector<char> exact(file.begin(), file.begin() + std::ptrdiff_t(n));
+      const auto cut = decode_webp({exact.data(), n}, {kWidth, kHeight}, texels, {});
+      ASSERT_FALSE(cut) << n;
+      EXPECT_EQ(cut.error().code, "invalid_image");
+      EXPECT_NE(cut.error().message, "");
+    }
+    for (int i = 0; i < 500; ++i) {
+      std::string flipped = file;
+      random = random * 1664525 + 1013904223;
+      flipped[30 + (random >> 8) % (file.size() - 30)] ^= char(1 << (random & 7));
+      refused += !decode_webp(flipped, {kWidth, kHeight}, texels, {});
+    }
+    EXPECT_GT(refused, 0u);
+  }
+  EXPECT_FALSE(webp_size("RIFF\x20\0\0\0WEBPVP8 nothing"));
+  // Animated: the flag of the extended header.
+  std::string animated("RIFF\x16\0\0\0WEBPVP8X\x0a\0\0\0\x02\0\0\0\x3c\0\0\x2e\0\0", 30);
+  Texels texels(std::size_t(kWidth) * kHeight);
+  const auto refused = decode_webp(animated, {kWidth, kHeight}, texels, {});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().message, "it is animated");
+}
+
+TEST(ImageDecoder, AHeaderThatIsNotTheDeclaredOneWritesNothing) {
+  const std::string file = encode_webp(picture(4));
+  Texels texels(std::size_t(kWidth) * kHeight / 4);
+  EXPECT_FALSE(decode_webp(file, {kWidth / 2, kHeight / 2}, texels, {}));
+}
+
+TEST(ImageDecoder, StopRequestEndsAll) {
   std::stop_source stop;
   stop.request_stop();
   Texels texels(std::size_t(kWidth) * kHeight);
@@ -216,6 +294,9 @@ TEST(ImageDecoder, StopRequestEndsBoth) {
   const auto png = decode_png(encode_interlaced_png(picture(3)), size, texels, stop.get_token());
   ASSERT_FALSE(png);
   EXPECT_EQ(png.error().code, proto::kCanceledCode);
+  const auto webp = decode_webp(encode_webp(picture(4)), size, texels, stop.get_token());
+  ASSERT_FALSE(webp);
+  EXPECT_EQ(webp.error().code, proto::kCanceledCode);
 }
 
 }  // namespace

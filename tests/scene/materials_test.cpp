@@ -1,5 +1,6 @@
 // Albedo and emission of imported scenes: factors, textures, colours, and how images are decoded.
 #include <gtest/gtest.h>
+#include <webp/encode.h>
 
 #include <cmath>
 #include <functional>
@@ -254,11 +255,39 @@ TEST(Images, AllImagesTogetherHaveALimitToo) {
 }
 
 TEST(Images, OtherFormatsAreLeftOutWithAWarning) {
-  const auto scene = import_image("RIFF\x20\0\0\0WEBPVP8 not decoded");
+  const auto scene = import_image("GIF89a and so on");
   ASSERT_TRUE(scene);
   EXPECT_EQ(scene->images.size(), 0u);
   EXPECT_EQ(albedo(*scene), kWhite);
   EXPECT_EQ(warning_codes(*scene), (std::vector<std::string>{"texcoord_missing", "image_ignored"}));
+}
+
+TEST(Images, WebpIsReadWhereItsExtensionNamesIt) {
+  const std::vector<std::uint8_t> red{255, 0, 0, 255};
+  std::uint8_t* bytes = nullptr;
+  const std::size_t size = WebPEncodeLosslessRGBA(red.data(), 1, 1, 4, &bytes);
+  const std::string webp(reinterpret_cast<const char*>(bytes), size);
+  WebPFree(bytes);
+  const std::string green = PngBuilder::encode(1, 1, 8, 2, std::string("\x00\xff\x00", 3));
+  for (const bool fallback : {false, true}) {
+    GltfBuilder b = triangle_builder();
+    nlohmann::json texture{
+        {"extensions", {{"EXT_texture_webp", {{"source", b.image(webp, "image/webp")}}}}}};
+    if (fallback) texture["source"] = b.image(green, "image/png");
+    b.add("textures", texture);
+    b.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}});
+    b.json["meshes"][0]["primitives"][0]["material"] = 0;
+    b.json["extensionsUsed"] = b.json["extensionsRequired"] = {"EXT_texture_webp"};
+    const Scene scene = imported(b);
+    ASSERT_EQ(scene.image_texels.size(), 1u);
+    EXPECT_EQ(scene.image_texels[0], (std::array<std::uint8_t, 4>{255, 0, 0, 255}));
+    EXPECT_EQ(warning_codes(scene), (std::vector<std::string>{"texcoord_missing"}));
+  }
+  for (const std::size_t length : {size / 2, std::size_t{12}}) {
+    const auto cut = import_image(webp.substr(0, length));
+    ASSERT_FALSE(cut) << length;
+    EXPECT_EQ(cut.error().code, "invalid_image");
+  }
 }
 
 TEST(Images, UnusedImagesAreNotLookedFor) {
