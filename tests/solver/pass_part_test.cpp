@@ -28,7 +28,7 @@ class Counted final : public Solver {
     return solver_->next(done);
   }
   std::uint32_t max_passes() const override { return solver_->max_passes(); }
-  Work total_work() const override { return Work::other(solver_->total_work()); }
+  Work total_work() const override { return solver_->total_work(); }
   bool begin(const Pass& p, const Lightmap& before, Lightmap& after, const Workers& w) override {
     return solver_->begin(p, before, after, w);
   }
