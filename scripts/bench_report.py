@@ -12,6 +12,7 @@ COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter"
            "presets": "#8e44ad"}
 NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather, no filter",
          "filter": "Lightkiln, gather", "presets": "Lightkiln, presets"}
+BOUNCES_AT = {"cornell": "256²", "cornell_geom": "1024²"}  # pages of the bounces benchmark
 TARGETS = [0.05, 0.02, 0.01]
 # What a curve leaves out that "filter" has.
 ABLATION = {"gather": "the filter", "dense": "interpolation between every second texel",
@@ -175,6 +176,23 @@ def ablation(rows):
     return table(head, out) if out else "Not measured."
 
 
+def slopes(rows):
+    """Power of the samples by which the error falls, by least squares over the curves' logarithms."""
+    found = []
+    for scene in scenes(rows):
+        for series in ("gather", "filter"):
+            points = [(math.log(float(r["setting"].split()[1])), math.log(r["nrmse_own"]))
+                      for r in rows if r["scene"] == scene and r["series"] == series
+                      and r["setting"].startswith("samples") and r["nrmse_own"]]
+            if len(points) < 3:
+                continue
+            x, y = (sum(p[k] for p in points) / len(points) for k in (0, 1))
+            slope = (sum((a - x) * (b - y) for a, b in points) /
+                     sum((a - x) ** 2 for a, _ in points))
+            found.append([scene, NAMES[series], f"{-slope:.2f}"])
+    return table(["scene", "curve", "a of N^-a"], found)
+
+
 def wall_factors(rows):
     compared = [r for r in rows if r["scene"] in {c["scene"] for c in rows if c["tool"] == "cycles"}]
     if not quiet(compared):
@@ -206,7 +224,7 @@ def kernel_tables(path):
         return {}
     runs = json.loads(path.read_text())
     by_name = {b["name"]: b for b in runs["benchmarks"] if not b.get("error_occurred")}
-    tracing, kernels, stages, scaling = [], {}, [], []
+    tracing, kernels, stages, scaling, bounces = [], {}, [], [], []
     for name, b in by_name.items():
         parts = name.split("/")
         if parts[0] == "trace_rate":
@@ -219,6 +237,10 @@ def kernel_tables(path):
         elif parts[0] == "threads":
             scaling.append([parts[1], f"{b['one_thread_s']:.3f}", f"{b['two_threads_s']:.3f}",
                             f"{b['speedup']:.2f} ×"])
+        elif parts[0] == "bounces":
+            one, sixteen = b["one_bounce_s"], b["sixteen_bounces_s"]
+            bounces.append([f"{parts[1]}, {BOUNCES_AT[parts[1]]}", f"{one:.2f}", f"{sixteen:.2f}",
+                            f"{sixteen / one:.2f} ×"])
         elif "set:" in name:
             kernels.setdefault(parts[0], {})[b["label"]] = rate(b["items_per_second"])
         else:
@@ -229,6 +251,7 @@ def kernel_tables(path):
         "kernels": table(["kernel, M lanes/s"] + sets,
                          [[k] + [v.get(s, "") for s in sets] for k, v in kernels.items()]),
         "stages": table(["stage", "CPU, ms"], stages),
+        "bounces": table(["scene", "one bounce, CPU s", "sixteen, CPU s", "ratio"], bounces),
         "threads": table(["scene, 256²", "one thread, s", "two threads, s", "speed-up"], scaling)
         if scaling else "Not measured in the last run: the machine was not idle.",
     }
@@ -272,7 +295,7 @@ def main():
         tables |= {"factors": factors(rows, "cpu_seconds"),
                    "wall_factors": wall_factors(rows), "ablation": ablation(rows),
                    "bakes": bakes([r for r in rows if r["series"] in NAMES]),
-                   "session": sessions(rows)}
+                   "slopes": slopes(rows), "session": sessions(rows)}
     for scene in scenes(rows):
         curves = [(s, curve(rows, scene, s, "cpu_seconds")) for s in NAMES]
         name = "performance-" + scene.replace("/", "-") + ".svg"

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <numeric>
 
 #include "baker/exec/thread_pool.h"
@@ -82,6 +83,33 @@ void threads(benchmark::State& state, const char* generator, std::uint32_t page_
   state.counters["speedup"] = one / two;
 }
 
+double solve_cpu_seconds(const ReadyScene& ready, std::uint32_t bounces) {
+  proto::SolverSettings settings;
+  settings.samples = settings.direct_samples = 64;
+  settings.bounces = bounces;
+  settings.tolerance = 0;  // all of them
+  const baker::SolverInput input = ready.input(settings);
+  baker::ThreadPool pool(1);
+  const std::clock_t start = std::clock();
+  const auto solver = make_solver(input);
+  benchmark::DoNotOptimize(must(solve(*solver, ready.texels, pool, {})));
+  return double(std::clock() - start) / CLOCKS_PER_SEC;
+}
+
+/// CPU time of a solve with sixteen bounces over that with one, in turns.
+void bounces(benchmark::State& state, const char* generator, std::uint32_t page_size) {
+  const ReadyScene ready(generator, 0, page_size);
+  double one = 1e9, sixteen = 1e9;
+  for (auto _ : state) {
+    one = std::min(one, solve_cpu_seconds(ready, 1));
+    const double now = solve_cpu_seconds(ready, 16);
+    sixteen = std::min(sixteen, now);
+    state.SetIterationTime(now);
+  }
+  state.counters["one_bounce_s"] = one;
+  state.counters["sixteen_bounces_s"] = sixteen;
+}
+
 constexpr auto kUnit = benchmark::kMillisecond;
 BENCHMARK_CAPTURE(import, cornell, "cornell")->Unit(kUnit);
 BENCHMARK_CAPTURE(import, cornell_geom, "cornell_geom")->Unit(kUnit);
@@ -93,6 +121,11 @@ BENCHMARK(rasterise)->ArgName("page")->Arg(256)->Arg(1024)->Unit(kUnit);
 BENCHMARK_CAPTURE(write_exr, half, proto::Precision::kHalf)->Unit(kUnit);
 BENCHMARK_CAPTURE(write_exr, float, proto::Precision::kFloat)->Unit(kUnit);
 BENCHMARK_CAPTURE(threads, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);
+BENCHMARK_CAPTURE(bounces, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);
+BENCHMARK_CAPTURE(bounces, cornell_geom, "cornell_geom", 1024)
+    ->Iterations(2)
+    ->UseManualTime()
+    ->Unit(kUnit);
 BENCHMARK_CAPTURE(threads, cornell_geom, "cornell_geom", 256)
     ->Iterations(3)
     ->UseManualTime()
