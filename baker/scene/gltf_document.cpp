@@ -9,11 +9,14 @@
 #include "baker/scene/extensions.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/gltf_model.h"
+#include "baker/scene/meshopt_decoder.h"
 #include "baker/scene/tinygltf.h"
 #include "baker/scene/uri.h"
 
 namespace kiln::baker {
 namespace {
+
+constexpr const char* kMeshoptName = "EXT_meshopt_compression";
 
 using nlohmann::json;
 using proto::Expected;
@@ -74,6 +77,45 @@ Expected<void> load_buffers(Document& document, const json& buffers, const Conta
                      pointer_to("/buffers", i) + "/byteLength");
     }
     document.buffers.push_back(*bytes ? std::optional((*bytes)->substr(0, length)) : std::nullopt);
+  }
+  return {};
+}
+
+/// Decodes the views with EXT_meshopt_compression whose buffer has no plain data.
+Expected<void> unpack_views(Document& document, const json& views, const ImportLimits& limits,
+                            const std::stop_token& stop) {
+  std::uint64_t left = limits.file_bytes;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const auto extensions = views[i].find("extensions");
+    if (extensions == views[i].end() || !extensions->contains(kMeshoptName)) continue;
+    if (document.buffers[views[i].at("buffer").get<std::size_t>()]) continue;
+    if (stop.stop_requested()) return canceled();
+    const std::string at = pointer_to("/bufferViews", i) + "/extensions/" + kMeshoptName;
+    const json& from = extensions->at(kMeshoptName);
+    const auto& buffer = document.buffers[from.at("buffer").get<std::size_t>()];
+    const auto offset = from.value("byteOffset", std::uint64_t{0}),
+               length = from.at("byteLength").get<std::uint64_t>();
+    if (!buffer) return invalid("its buffer has no data", at);
+    if (offset > buffer->size() || length > buffer->size() - offset)
+      return invalid("reaches beyond its buffer of " + std::to_string(buffer->size()) + " bytes",
+                     at);
+    const MeshoptView view{from.at("count").get<std::uint64_t>(),
+                           from.at("byteStride").get<std::uint64_t>(),
+                           from.at("mode").get<std::string>(), from.value("filter", "NONE")};
+    const auto plain = views[i].at("byteLength").get<std::uint64_t>();
+    if (auto why = wrong_with(view, length, plain, views[i].value("byteStride", std::uint64_t{0}));
+        !why.empty())
+      return invalid(why, at);
+    if (plain > left)
+      return over_limit("too much data once it is decompressed", limits.file_bytes, "upload_bytes",
+                        at);
+    left -= plain;
+    auto bytes = std::make_unique<std::string>();
+    if (!decode_meshopt(view, buffer->substr(offset, length), *bytes))
+      return invalid("its data is damaged", at);
+    document.unpacked_views.resize(views.size());
+    document.unpacked_views[i] = *bytes;
+    document.decoded.push_back(std::move(bytes));
   }
   return {};
 }
@@ -162,6 +204,8 @@ Expected<void> read_document(Document& document, const Container& container,
   take(*parsed, "cameras");
   if (stop.stop_requested()) return canceled();
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
+  if (const auto views = parsed->find("bufferViews"); views != parsed->end())
+    if (auto unpacked = unpack_views(document, *views, limits, stop); !unpacked) return unpacked;
   json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
        accessors = take(*parsed, "accessors");
   if (auto model = read_model(document, *parsed); !model) return model;
@@ -237,7 +281,10 @@ Expected<Document> open_document(const SceneFiles& files, const ImportLimits& li
 
 Expected<std::string_view> buffer_view_bytes(const Document& document, int view,
                                              const std::string& pointer) {
-  const auto& v = document.model->bufferViews[static_cast<std::size_t>(view)];
+  const auto index = static_cast<std::size_t>(view);
+  if (index < document.unpacked_views.size() && document.unpacked_views[index])
+    return *document.unpacked_views[index];
+  const auto& v = document.model->bufferViews[index];
   const auto& buffer = document.buffers[static_cast<std::size_t>(v.buffer)];
   if (!buffer) return invalid("its buffer has no data", pointer);
   return buffer->substr(v.byteOffset, v.byteLength);

@@ -63,12 +63,14 @@ struct Document {
 
   std::unique_ptr<tinygltf::Model> model;
   std::vector<std::optional<std::string_view>> buffers;  ///< nothing: a buffer without data
+  /// Contents of the views that were compressed; nothing for others. Empty: none was.
+  std::vector<std::optional<std::string_view>> unpacked_views;
   std::vector<ImageSource> images;
   bool has_animations = false;
   WarningList warnings;
 
   FileCache files;
-  std::vector<std::unique_ptr<std::string>> decoded;  ///< what data URIs held
+  std::vector<std::unique_ptr<std::string>> decoded;  ///< what data URIs and packed views held
 };
 
 /// Reads container, JSON and buffers, and checks all of it but the contents of accessors.

@@ -88,9 +88,20 @@ constexpr Field kAccessor[] = {
     numbers("max", 0, std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()),
     numbers("min", 0, std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()),
     object("sparse", kSparse)};
-constexpr Field kBufferView[] = {index("buffer", "/buffers", kRequired), integer("byteOffset", 0),
+constexpr Field kMeshoptView[] = {index("buffer", "/buffers", kRequired),
+                                  integer("byteOffset", 0),
+                                  integer("byteLength", 1, kMaxSize, kRequired),
+                                  integer("byteStride", 2, 256, kRequired),
+                                  integer("count", 1, kMaxSize, kRequired),
+                                  word("mode", "ATTRIBUTES TRIANGLES INDICES", kRequired),
+                                  word("filter", "NONE OCTAHEDRAL QUATERNION EXPONENTIAL")};
+constexpr Field kViewExtensions[] = {object("EXT_meshopt_compression", kMeshoptView)};
+constexpr Field kBufferView[] = {index("buffer", "/buffers", kRequired),
+                                 integer("byteOffset", 0),
                                  integer("byteLength", 1, kMaxSize, kRequired),
-                                 integer("byteStride", 4, 252), integer("target", 0, 65535)};
+                                 integer("byteStride", 4, 252),
+                                 integer("target", 0, 65535),
+                                 object("extensions", kViewExtensions)};
 constexpr Field kBuffer[] = {text("uri"), integer("byteLength", 1, kMaxSize, kRequired)};
 constexpr Field kImage[] = {text("uri"), text("mimeType"), index("bufferView", "/bufferViews")};
 

@@ -10,6 +10,7 @@
 #include "fuzz/scene_bytes.h"
 #include "proto/json.h"
 #include "support/gltf_builder.h"
+#include "support/packed_gltf.h"
 #include "support/png_builder.h"
 #include "support/sky_files.h"
 
@@ -103,6 +104,14 @@ std::vector<std::string> documents() {
   test::GltfBuilder side = test::triangle_builder();
   side.json["buffers"] = {{{"byteLength", side.binary.size()}, {"uri", "a.bin"}}};
   out.push_back(side.document(false).dump());
+  for (const char* mode : {"TRIANGLES", "INDICES"}) {
+    test::GltfBuilder indexed = test::triangle_builder();
+    indexed.json["meshes"][0]["primitives"][0]["indices"] =
+        indexed.accessor<std::uint16_t>({0, 1, 2, 0, 2, 1}, 1);
+    out.push_back(packed_by_meshopt(indexed, {{.stride = 12}, {.mode = mode, .stride = 2}}).glb());
+  }
+  out.push_back(
+      packed_by_meshopt(test::triangle_builder(), {{"ATTRIBUTES", "EXPONENTIAL", 12}}).glb());
   for (const bool lossless : {false, true}) {
     test::GltfBuilder image = test::triangle_builder();
     const std::string webp = webp_file(lossless);

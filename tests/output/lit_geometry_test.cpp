@@ -1,4 +1,7 @@
+#include <algorithm>
+
 #include "output/lit_scene.h"
+#include "support/packed_gltf.h"
 
 namespace kiln::test {
 namespace {
@@ -257,6 +260,35 @@ TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
   EXPECT_EQ(lit.json["materials"][0], g.json["materials"][0]);
   EXPECT_EQ(primitive(lit)["material"], 1);
   EXPECT_TRUE(lit.json["materials"][1]["extensions"].contains("MOZ_lightmap"));
+}
+
+TEST(LitGeometry, CompressedBuffersAreReadWhereVerticesSplit) {
+  const TempFolder folder;
+  GltfBuilder plain;
+  const int position = plain.accessor(kCorners, 3), normal = plain.accessor(kNormals, 3),
+            indices = plain.accessor(kIndices, 1);
+  plain.node({{"mesh", plain.mesh({{"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
+                                   {"indices", indices}})}});
+  const GltfBuilder packed = packed_by_meshopt(
+      plain, {{.stride = 12}, {.stride = 12}, {.mode = "TRIANGLES", .stride = 2}});
+  const auto corners = [&](const GltfBuilder& b, const char* name) {
+    const SceneFiles files{folder.write(name, b.glb()), {}};
+    const GlbReader lit = light(folder, files, Layout::kPerTriangle);
+    EXPECT_EQ(lit.values<float>(primitive(lit)["attributes"]["NORMAL"], 3).at(2), 1);
+    return corner_positions(lit, primitive(lit));
+  };
+  EXPECT_EQ(corners(plain, "plain.glb"), kTwoTriangles);
+  const auto turned = corners(packed, "packed.glb");  // each triangle may begin at any corner
+  ASSERT_EQ(turned.size(), kTwoTriangles.size());
+  EXPECT_TRUE(std::is_permutation(turned.begin(), turned.end(), kTwoTriangles.begin()));
+  // What is not split stays as it came, packed.
+  const SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
+  const GlbReader whole = light(folder, files, Layout::kWhole);
+  EXPECT_EQ(whole.json["extensionsRequired"][0], "EXT_meshopt_compression");
+  const Json& view = whole.json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"];
+  EXPECT_EQ(view["buffer"], 0);
+  EXPECT_EQ(whole.bin.substr(0, packed.binary.size()), packed.binary);
+  EXPECT_EQ(whole.json["buffers"].size(), 2u);
 }
 
 TEST(LitGeometry, DracoIsDroppedFromLitPrimitives) {

@@ -127,8 +127,6 @@ constexpr Waiting kWaiting[] = {
     {"assimp/draco/2CylinderEngine.gltf", "KHR_draco_mesh_compression"},
     {"derived/CornellBox_draco.glb", "KHR_draco_mesh_compression"},
     {"derived/ShapeCollection_draco.glb", "KHR_draco_mesh_compression"},
-    {"derived/CornellBox_meshopt.glb", "EXT_meshopt_compression"},
-    {"derived/tile-room_meshopt.glb", "EXT_meshopt_compression"},
 };
 
 const Waiting* find_waiting(const std::string& file) {

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "baker/scene/container.h"
+#include "baker/scene/meshopt_decoder.h"
 #include "baker/scene/uri.h"
 #include "proto/files.h"
 
@@ -14,6 +15,9 @@ namespace {
 
 using proto::Expected;
 using proto::Unexpected;
+
+/// In a buffer view.
+constexpr const char* kMeshopt = "/extensions/EXT_meshopt_compression";
 
 /// Media type by the first bytes; "" when unknown.
 std::string sniff_image(std::string_view bytes) {
@@ -94,9 +98,33 @@ Expected<void> LitDocument::load_views() {
     if (data && (*offset > data->size() || *length > data->size() - *offset))
       return proto::fail("invalid_scene", "reaches beyond its buffer", "scene",
                          "/bufferViews/" + std::to_string(i));
-    views_.push_back(data ? std::optional(data->substr(*offset, *length)) : std::nullopt);
+    views_.push_back(data ? std::optional(data->substr(*offset, *length)) : unpack(views[i]));
   }
   return {};
+}
+
+/// What a view with EXT_meshopt_compression holds; nothing for others, and for what no import
+/// reads.
+std::optional<std::string_view> LitDocument::unpack(const Json& view) {
+  const Json::json_pointer packed(kMeshopt);
+  if (!view.contains(packed) || !view[packed].is_object()) return std::nullopt;
+  const Json& from = view[packed];
+  const auto number = [&](const Json& object, const char* key) {
+    return count_at(object, key, 0).value_or(0);
+  };
+  const auto buffer = count_at(from, "buffer", buffers_.size()).value_or(buffers_.size());
+  if (buffer >= buffers_.size() || !buffers_[buffer]) return std::nullopt;
+  const auto offset = number(from, "byteOffset"), length = number(from, "byteLength");
+  const std::string_view data = *buffers_[buffer];
+  if (offset > data.size() || length > data.size() - offset) return std::nullopt;
+  const MeshoptView spec{number(from, "count"), number(from, "byteStride"),
+                         from.value("mode", std::string()),
+                         from.value("filter", std::string("NONE"))};
+  if (!wrong_with(spec, length, number(view, "byteLength"), number(view, "byteStride")).empty())
+    return std::nullopt;
+  std::string& plain = decoded_.emplace_back();
+  if (!decode_meshopt(spec, data.substr(offset, length), plain)) return std::nullopt;
+  return plain;
 }
 
 /// All data goes into buffer 0; a buffer without data (a fallback that nobody reads) stays a
@@ -126,7 +154,7 @@ void LitDocument::merge_buffers() {
   if (json().contains("bufferViews"))
     for (Json& view : json()["bufferViews"]) {
       move_view(view);
-      const Json::json_pointer packed("/extensions/EXT_meshopt_compression");
+      const Json::json_pointer packed(kMeshopt);
       if (view.contains(packed) && view[packed].is_object()) move_view(view[packed]);
     }
   json()["buffers"] = std::move(merged);

@@ -58,6 +58,7 @@ class LitDocument {
   explicit LitDocument(const SceneFiles& files);
   proto::Expected<void> load_buffers(std::optional<std::string_view> binary);
   proto::Expected<void> load_views();
+  std::optional<std::string_view> unpack(const Json& view);
   void merge_buffers();
   bool allows_image(const std::string& media_type) const;
   void embed_images();
@@ -66,7 +67,7 @@ class LitDocument {
   SceneFiles files_;
   std::deque<MappedFile> mapped_;  ///< the main file, then side files
   std::unique_ptr<Json> json_;
-  std::deque<std::string> decoded_;                       ///< what data URIs held
+  std::deque<std::string> decoded_;                       ///< what data URIs and packed views held
   std::vector<std::optional<std::string_view>> buffers_;  ///< of the source; nothing: no data
   std::vector<std::optional<std::string_view>> views_;    ///< of the source
   GlbBinary binary_;
