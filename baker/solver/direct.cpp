@@ -3,6 +3,7 @@
 #include <array>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -100,6 +101,9 @@ Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, st
                        std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1, first));
   const std::uint32_t point_flip = hash(seed, 2);
+  // The light that was picked last, as the points see it.
+  std::array<std::optional<SampledLight>, Footprint::kPoints> seen;
+  std::uint32_t seen_light = ~0u;
   for (std::uint32_t k = 0; k < count; ++k) {
     const LightChoice::Pick pick = walk.at((double(k) + double(start)) / double(count));
     if (!(pick.probability > 0)) continue;
@@ -108,8 +112,12 @@ Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, st
     const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
     // Every second draw is a systematic sample by itself; so are both halves of the sequence.
     const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
-    const LightSample s = in.lights.sample(in.lights.area()[pick.light], at.position[i],
-                                           scrambled(sobol(point), seed));
+    if (pick.light != seen_light)
+      for (auto& from_point : seen) from_point.reset();
+    seen_light = pick.light;
+    if (!seen[i])
+      seen[i].emplace(in.lights.seen_from(at.position[i], in.lights.area()[pick.light]));
+    const LightSample s = seen[i]->sample(scrambled(sobol(point), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * pick.probability));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);

@@ -107,7 +107,7 @@ void LampLight::Shadow::near_rays(LightRays& to) const {
   const float unit = luminance(light_.radiance);
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const Vec2 u = scrambled({x_[i ^ flip_], y_[i ^ flip_]}, seed_);
-    const LightSample s = all_.in_.lights.sample(light_, at_.position[i], u);
+    const LightSample s = all_.in_.lights.seen_from(at_.position[i], light_).sample(u);
     const Vec3 d = s.shadow_ray(at_.origin[i]).direction;
     to.direction[0][i] = d.x, to.direction[1][i] = d.y, to.direction[2][i] = d.z;
     const bool above = dot(at_.geometric_normal[i], s.direction) > 0;

@@ -9,33 +9,10 @@ namespace {
 
 /// A light whose longest edge is more than so many times its distance is sampled by solid angle.
 constexpr float kNearRatio = 1;
-/// A uniform direction to what `from` sees of the light.
-struct SphericalLight {
-  SphericalTriangle first, second;
-  float solid_angle;
-
-  SphericalLight(const AreaLight& l, Vec3 from)
-      : first(from, l.corner[0], l.corner[1], l.corner[2]),
-        second(from, l.corner[0], l.corner[2], l.corner[l.corners - 1]),
-        solid_angle(first.solid_angle + (l.corners == 4 ? second.solid_angle : 0)) {}
-
-  Vec3 sample(Vec2 u) const {
-    const float share = first.solid_angle / solid_angle;
-    if (u.x < share) return first.sample({u.x / share, u.y});
-    return second.sample({std::min(1.f, (u.x - share) / (1 - share)), u.y});
-  }
-};
 
 Vec3 uniform_point(const AreaLight& l, Vec2 u) {
   const Vec2 b = l.corners == 3 ? uniform_triangle(u) : u;
   return l.corner[0] + l.first_edge() * b.x + l.second_edge() * b.y;
-}
-
-/// A point of the light moved off it, to the side that `height` tells; a light nearer than that
-/// keeps its distance, all but a quarter.
-Vec3 move_off(const AreaLight& l, Vec3 point, Vec3 receiver, float height) {
-  const float off = std::min(l.clearance(receiver), std::abs(height) / 4);
-  return point + l.normal * std::copysign(off, height);
 }
 
 std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
@@ -62,38 +39,60 @@ bool LightSet::is_near(const AreaLight& l, Vec3 from, float ratio) {
   return l.longest_edge_m > ratio * length(l.centre() - from);
 }
 
-LightSample LightSet::sample(const AreaLight& l, Vec3 from, Vec2 u) const {
+SampledLight::Spherical::Spherical(const AreaLight& l, Vec3 from)
+    : first(from, l.corner[0], l.corner[1], l.corner[2]),
+      second(from, l.corner[0], l.corner[2], l.corner[l.corners - 1]),
+      solid_angle(first.solid_angle + (l.corners == 4 ? second.solid_angle : 0)) {}
+
+Vec3 SampledLight::Spherical::sample(Vec2 u) const {
+  const float share = first.solid_angle / solid_angle;
+  if (u.x < share) return first.sample({u.x / share, u.y});
+  return second.sample({std::min(1.f, (u.x - share) / (1 - share)), u.y});
+}
+
+SampledLight::SampledLight(const Scene& scene, const AreaLight& light, Vec3 from)
+    : scene_(scene), light_(light), from_(from) {
+  const float height = light.height_over(from);
+  if (!light.shows_to(height)) return;
+  height_ = height;
+  // To the side that the height tells; a light nearer than its clearance keeps its distance, all
+  // but a quarter.
+  move_off_ = std::copysign(std::min(light.clearance(from), std::abs(height) / 4), height);
+  if (LightSet::is_near(light, from, kNearRatio)) near_.emplace(light, from);
+}
+
+LightSample SampledLight::sample(Vec2 u) const {
   LightSample s;
-  const float height = l.height_over(from);
-  if (!l.shows_to(height)) return s;
+  if (height_ == 0) return s;
   Vec3 point;         // of the light
   float density = 0;  // per steradian
-  if (is_near(l, from, kNearRatio)) {
-    const SphericalLight seen(l, from);
-    if (!(seen.solid_angle > 0)) return s;
-    s.direction = seen.sample(u);
-    const float slope = -dot(l.normal, s.direction);
-    if (slope * height <= 0) return s;
-    point = from + s.direction * (height / slope);
-    density = 1 / seen.solid_angle;
+  if (near_) {
+    if (!(near_->solid_angle > 0)) return s;
+    s.direction = near_->sample(u);
+    const float slope = -dot(light_.normal, s.direction);
+    if (slope * height_ <= 0) return s;
+    point = from_ + s.direction * (height_ / slope);
+    density = 1 / near_->solid_angle;
   } else {
-    point = uniform_point(l, u);
-    const Vec3 d = point - from;
+    point = uniform_point(light_, u);
+    const Vec3 d = point - from_;
     const float r2 = dot(d, d);
     s.direction = d * (1 / std::sqrt(r2));
-    density = r2 / (l.area_m2 * std::abs(dot(l.normal, s.direction)));
+    density = r2 / (light_.area_m2 * std::abs(dot(light_.normal, s.direction)));
   }
-  Rgb radiance = l.radiance;
-  if (!l.is_uniform()) {
-    // Barycentric coordinates of the point, by areas projected along the normal.
-    const float scale = 1 / (2 * l.area_m2);
-    const float bu = dot(cross(point - l.corner[0], l.second_edge()), l.normal) * scale;
-    const float bv = dot(cross(l.first_edge(), point - l.corner[0]), l.normal) * scale;
-    radiance = emission_at(scene_, l.textured, {bu, bv});
-  }
-  s.end = move_off(l, point, from, height);
-  s.value = radiance * (1 / density);
+  s.end = point + light_.normal * move_off_;
+  s.value = (light_.is_uniform() ? light_.radiance : radiance_at(point)) * (1 / density);
   return s;
+}
+
+/// Of a textured light. The barycentric coordinates of the point come from areas projected along
+/// the normal.
+Rgb SampledLight::radiance_at(Vec3 point) const {
+  const float scale = 1 / (2 * light_.area_m2);
+  const Vec3 p = point - light_.corner[0];
+  const float u = dot(cross(p, light_.second_edge()), light_.normal) * scale;
+  const float v = dot(cross(light_.first_edge(), p), light_.normal) * scale;
+  return emission_at(scene_, light_.textured, {u, v});
 }
 
 ShadowRay PunctualArrival::shadow_ray(Vec3 origin) const {

@@ -8,6 +8,7 @@
 #include "baker/scene/scene.h"
 #include "baker/solver/area_light.h"
 #include "baker/solver/light_table.h"
+#include "baker/solver/sampling.h"
 #include "baker/solver/sky_light.h"
 
 namespace kiln::baker {
@@ -27,6 +28,35 @@ struct LightSample {
   ShadowRay shadow_ray(Vec3 origin) const { return {end - origin, 1}; }
 };
 
+/// An area light as one point sees it, ready to be sampled: uniform in solid angle when the light
+/// is near against its size (bounded: no 1/d2), uniform in area otherwise. Outlived by what it is
+/// made of.
+class SampledLight {
+ public:
+  SampledLight(const Scene&, const AreaLight&, Vec3 from);
+
+  /// A direction to a point of the light by the uniform pair `u`.
+  LightSample sample(Vec2 u) const;
+
+ private:
+  /// What the point sees of a light that is near.
+  struct Spherical {
+    SphericalTriangle first, second;
+    float solid_angle;
+
+    Spherical(const AreaLight&, Vec3 from);
+    Vec3 sample(Vec2 u) const;
+  };
+  Rgb radiance_at(Vec3 point) const;
+
+  const Scene& scene_;
+  const AreaLight& light_;
+  Vec3 from_;
+  float height_ = 0;    ///< over the light's plane, m; 0: nothing shows
+  float move_off_ = 0;  ///< from the light to where shadow rays end, along its normal, m
+  std::optional<Spherical> near_;
+};
+
 /// All light that is sampled explicitly. Immutable.
 class LightSet {
  public:
@@ -44,9 +74,9 @@ class LightSet {
   bool has_bright_sky() const { return sky_ && sky_->has_bright_parts(); }
   bool empty() const { return area_.empty() && scene_.lights.empty() && !scene_.has_sky(); }
 
-  /// A direction to a point of the light by the uniform pair `u`: uniform in solid angle when the
-  /// light is near against its size (bounded: no 1/d2), uniform in area otherwise.
-  LightSample sample(const AreaLight&, Vec3 from, Vec2 u) const;
+  SampledLight seen_from(Vec3 point, const AreaLight& light) const {
+    return {scene_, light, point};
+  }
   /// Whether the longest edge is more than `ratio` times the distance of the centre.
   static bool is_near(const AreaLight&, Vec3 from, float ratio);
 

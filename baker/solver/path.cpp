@@ -118,7 +118,8 @@ class PathBundle {
       std::size_t l = 0;
       while (l + 1 < lights.size() && u >= share[l]) u -= share[l++];
       if (!(share[l] > 0)) continue;
-      const LightSample s = in_.lights.sample(lights[l], v.position, random(v, bounce, kAreaPoint));
+      const LightSample s =
+          in_.lights.seen_from(v.position, lights[l]).sample(random(v, bounce, kAreaPoint));
       add_shadow_ray(v, s, s.value * (1 / share[l]));
     }
     trace_shadows(sum);
