@@ -32,6 +32,7 @@ struct ServerConfig {
   std::uint64_t max_image_pixels = 1ull << 28;      ///< of one texture
   std::uint64_t max_all_image_pixels = 1ull << 29;  ///< of all textures together
   std::uint64_t import_memory_bytes = 4ull << 30;   ///< of the process that reads a scene
+  std::uint32_t max_import_processes = 4;           ///< at once; others wait
   std::uint32_t import_seconds = 300;               ///< that it may take
   std::uint32_t max_running_jobs = 2;
   std::uint64_t memory_budget_bytes = 0;  ///< of running bakes; 0: 4/5 of what is free at the start

@@ -11,6 +11,7 @@
 #include "baker/bake.h"
 #include "server/import/setup.h"
 #include "server/log.h"
+#include "server/machine.h"
 #include "server/service.h"
 
 namespace kiln::server {
@@ -72,8 +73,10 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
 
 // The baker, with everything that decodes an upload in another process. What an import makes is
 // kept beside the upload, and goes with it.
-ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer) {
+ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer,
+                            std::shared_ptr<MemoryBudget> memory) {
   ServiceParts parts;
+  parts.memory = std::move(memory);
   parts.bake = [importer](baker::BakeInput input, baker::ThreadPool& pool, std::stop_token stop,
                           baker::BakeObserver& observer) {
     input.files.sky_map = input.settings.sky.map;
@@ -88,18 +91,23 @@ ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer) {
 
 }  // namespace
 
-int serve(const ServerConfig& config) {
+int serve(const ServerConfig& given) {
+  ServerConfig config = given;
   const sigset_t set = stop_signals();
   ::pthread_sigmask(SIG_BLOCK, &set, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
   set_up_log(config.log_level, config.log_format);
 
-  const auto importer = make_importer(config);
+  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = usual_memory_budget();
+  const auto memory = std::make_shared<MemoryBudget>(
+      config.memory_budget_bytes,
+      MemoryBudget::Imports{config.max_import_processes, config.import_memory_bytes});
+  const auto importer = make_importer(config, memory);
   if (!importer) {
     std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());
     return 1;
   }
-  auto service = Service::start(config, isolated_parts(*importer));
+  auto service = Service::start(config, isolated_parts(*importer, memory));
   if (!service) {
     std::fprintf(stderr, "lightkiln: %s\n", service.error().message.c_str());
     return 1;

@@ -44,8 +44,9 @@ unsigned bake_threads(const ServerConfig& config) {
   return config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency());
 }
 
-JobLimits job_limits(const ServerConfig& config) {
+JobLimits job_limits(const ServerConfig& config, std::shared_ptr<MemoryBudget> memory) {
   JobLimits limits;
+  limits.memory = std::move(memory);
   limits.running = config.max_running_jobs;
   limits.queued = config.max_queued_jobs;
   limits.run = std::chrono::seconds(config.max_job_seconds);
@@ -81,8 +82,8 @@ struct Service::Impl {
                   parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
         feeds_hooked(hook_feeds()),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config), import_limits(config),
-             &metrics),
+        jobs(data, store, scenes, pool, parts.bake, job_limits(config, parts.memory),
+             import_limits(config), &metrics),
         janitor(data, store, scenes, uploads, jobs,
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
@@ -172,7 +173,7 @@ proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& giv
   if (!config.webhook_secrets.empty())
     if (auto secrets = WebhookSecrets::read(config.webhook_secrets); !secrets)
       return proto::Unexpected(secrets.error());
-  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = free_memory_bytes() / 5 * 4;
+  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = usual_memory_budget();
   auto data = DataFolder::open(config.data);
   if (!data) return proto::Unexpected(data.error());
   std::unique_ptr<Impl> impl;

@@ -19,6 +19,7 @@ struct ServiceParts {
   BakeFunction bake;
   CheckFunction check;
   EdgeLimits limits;
+  std::shared_ptr<MemoryBudget> memory = nullptr;    ///< null: one of the configuration, for bakes
   std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
   WebhookDelays webhook_delays = kWebhookDelays;
   WebhookLimits webhook_limits{};

@@ -169,13 +169,16 @@ const std::vector<ConfigRow>& config_rows() {
       {"import_memory_bytes", false, "a number of bytes from 64MiB on, such as 4GiB",
        "Memory of the process that reads a scene; beyond, the job fails with import_out_of_memory",
        parse_bytes<&C::import_memory_bytes, (64ull << 20)>, show_number<&C::import_memory_bytes>},
+      {"max_import_processes", true, "a number from 1 to 256",
+       "Processes that read scenes at the same time; others wait",
+       parse_number<&C::max_import_processes, 1, 256>, show_number<&C::max_import_processes>},
       {"import_seconds", true, "a number from 1 to 86400",
        "Seconds that reading a scene may take; beyond, the job fails with import_timeout",
        parse_number<&C::import_seconds, 1, 86400>, show_number<&C::import_seconds>},
       {"max_running_jobs", true, "a number from 1 to 256", "Jobs that bake at the same time",
        parse_number<&C::max_running_jobs, 1, 256>, show_number<&C::max_running_jobs>},
       {"memory_budget_bytes", false, "0 or a number of bytes, such as 24GiB",
-       "Memory that running bakes may take by their estimates; others wait;\n"
+       "Memory that running bakes, by their estimates, and import processes may take; others wait;\n"
        "0: four fifths of what the machine or container has free at the start",
        parse_bytes<&C::memory_budget_bytes, 0>, show_number<&C::memory_budget_bytes>},
       {"max_queued_jobs", true, "a number from 1 to 1000000",

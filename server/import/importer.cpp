@@ -63,6 +63,35 @@ std::string digest_of(int fd, const std::stop_token& stop) {
   return hash.hex();
 }
 
+std::uint64_t upload_bytes(const baker::SceneFiles& files) {
+  std::error_code error;
+  std::uint64_t all = fs::file_size(files.main, error);
+  for (const auto& [name, path] : files.side) all += fs::file_size(path, error);
+  return error ? 0 : all;
+}
+
+/// In its turn, with more memory each time that what it was given was not enough.
+Expected<Confinement> run_in_turn(const Importer::Options& options, const ImportJob& job,
+                                  const std::stop_token& stop,
+                                  std::optional<std::chrono::milliseconds> patience = {}) {
+  constexpr std::uint64_t kPerByte = 8;  ///< documents, vertices, images of JPEG
+  if (!options.memory) return run_import_process(options.process, job, stop);
+  for (std::uint64_t bytes = kPerByte * upload_bytes(job.files);; bytes *= 2) {
+    const auto place = job.work == ImportWork::kLit ? options.memory->enter_within_job(stop)
+                                                    : options.memory->enter(bytes, stop, patience);
+    if (!place) return Unexpected(place.error());
+    ImportProcessOptions process = options.process;
+    bytes = process.memory_bytes = place->bytes();
+    auto done = run_import_process(process, job, stop);
+    const bool more_helps = !done && done.error().code == "import_out_of_memory" &&
+                            job.work != ImportWork::kLit && bytes < options.memory->for_import();
+    if (!more_helps) return done;
+    if (job.product >= 0 &&
+        (::ftruncate(job.product, 0) != 0 || ::lseek(job.product, 0, SEEK_SET) != 0))
+      return proto::storage_error("begin again", "scene");
+  }
+}
+
 class IsolatedSource final : public baker::SceneSource {
  public:
   IsolatedSource(const Importer::Options& options, baker::SceneFiles files,
@@ -88,7 +117,7 @@ class IsolatedSource final : public baker::SceneSource {
     job.product = product.get();
     job.scene = scene_file_.get();
     job.lit = request->get();
-    const auto done = run_import_process(options_.process, job, std::move(stop));
+    const auto done = run_in_turn(options_, job, stop);
     if (!done) return Unexpected(done.error());
     return {};
   }
@@ -138,7 +167,7 @@ class IsolatedSource final : public baker::SceneSource {
     }
     ImportJob job = job_for(ImportWork::kImport);
     job.product = product.get();
-    const auto done = run_import_process(options_.process, job, stop);
+    const auto done = run_in_turn(options_, job, stop);
     if (!done) return Unexpected(done.error());
     auto read = read_scene(std::move(product), key_, stop);
     if (!read && read.error().code == "bad_document") return lied(read.error().message);
@@ -158,10 +187,7 @@ class IsolatedSource final : public baker::SceneSource {
 
   /// Whether a file of that size may stay longer than this bake.
   bool is_worth_keeping(std::uint64_t bytes) const {
-    std::error_code error;
-    std::uint64_t upload = fs::file_size(files_.main, error);
-    for (const auto& [name, path] : files_.side) upload += fs::file_size(path, error);
-    return !error && bytes <= kAlwaysKept + kKeptPerByte * upload;
+    return bytes <= kAlwaysKept + kKeptPerByte * upload_bytes(files_);
   }
 
   /// Gives the file its name; those of other versions or limits go. Or unlinks it: it then lives as
@@ -203,7 +229,7 @@ Expected<void> Importer::check(const baker::SceneFiles& files, const proto::Bake
   job.settings = proto::to_text(proto::to_json(settings));
   job.limits = options_.limits;
   job.files = files;
-  const auto done = run_import_process(options_.process, job, std::move(stop));
+  const auto done = run_in_turn(options_, job, stop, options_.patience);
   if (!done) return Unexpected(done.error());
   return {};
 }

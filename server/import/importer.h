@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -8,6 +9,7 @@
 
 #include "baker/scene_source.h"
 #include "server/import/supervisor.h"
+#include "server/memory_budget.h"
 
 namespace kiln::server {
 
@@ -22,6 +24,11 @@ class Importer {
   struct Options {
     ImportProcessOptions process;
     baker::ImportLimits limits;
+    /// What the processes share with bakes: then they stand in line, start with what their upload
+    /// lets expect, and are started again with more where that is not enough. Null: each may take
+    /// process.memory_bytes.
+    std::shared_ptr<MemoryBudget> memory = nullptr;
+    std::chrono::milliseconds patience{10'000};  ///< of check(), for its turn
     /// Names for files that are about to be renamed, on the disk of the caches that open() is
     /// given. Not asked for without a cache.
     std::function<std::filesystem::path()> new_temporary;
@@ -31,7 +38,7 @@ class Importer {
   /// Starts a process that does nothing. Errors: those of starting one.
   proto::Expected<Confinement> probe() const;
 
-  /// As baker::check_scene().
+  /// As baker::check_scene(). Also `overloaded`: its turn did not come in time.
   proto::Expected<void> check(const baker::SceneFiles&, const proto::BakeSettings&,
                               std::stop_token = {}) const;
 

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "proto/json.h"
 #include "server/log.h"
@@ -21,10 +22,12 @@ baker::ImportLimits import_limits(const ServerConfig& config) {
   return limits;
 }
 
-proto::Expected<std::shared_ptr<const Importer>> make_importer(const ServerConfig& config) {
+proto::Expected<std::shared_ptr<const Importer>> make_importer(
+    const ServerConfig& config, std::shared_ptr<MemoryBudget> memory) {
   Importer::Options options;
   options.limits = import_limits(config);
   options.process.memory_bytes = config.import_memory_bytes;
+  options.memory = std::move(memory);
   options.process.seconds = config.import_seconds;
   options.process.failed = [](const std::string& reason, const std::string& said) {
     log_line(LogLevel::kWarn, "import.failed", {{"reason", reason}, {"stderr", said}});

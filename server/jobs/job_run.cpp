@@ -256,7 +256,7 @@ proto::Expected<void> JobRun::reserve(std::uint64_t peak_bytes) {
   return proto::fail("job_too_large",
                      "The bake takes about " + std::to_string(peak_bytes >> 20) +
                          " MiB at its peak; all bakes of this service together may take " +
-                         std::to_string(context_.limits.memory_bytes >> 20) +
+                         std::to_string(context_.memory_bytes >> 20) +
                          ". Fewer texels or samples need less.");
 }
 

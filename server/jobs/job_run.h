@@ -32,6 +32,7 @@ struct RunContext {
   const JobLimits& limits;
   Metrics* metrics;  ///< null: nobody counts
   std::function<Admission(std::uint64_t bytes)> admit;
+  std::uint64_t memory_bytes;    ///< of all bakes
   std::function<void()> notify;  ///< after each new event
 };
 

@@ -29,7 +29,13 @@ JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore
       bake_(std::move(bake)),
       limits_(limits),
       import_limits_(import_limits),
-      metrics_(metrics) {
+      metrics_(metrics),
+      memory_(limits_.memory ? limits_.memory
+                             : std::make_shared<MemoryBudget>(limits_.memory_bytes)) {
+  memory_->on_free([this] {
+    { const std::lock_guard lock(mutex_); }  // a runner that has just looked is waiting by now
+    changed_.notify_all();
+  });
   recover();
   clear_leftovers();
   for (std::uint32_t i = 0; i < limits_.running; ++i)
@@ -38,6 +44,7 @@ JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore
 
 JobService::~JobService() {
   stop();
+  memory_->on_free({});
 }
 
 void JobService::add_live(const LivePtr& job) {
@@ -236,9 +243,7 @@ void JobService::notify(const LiveJob& job) {
 
 JobService::Counts JobService::counts() const {
   const std::lock_guard lock(mutex_);
-  std::uint64_t reserved = 0;
-  for (const auto& [id, bytes] : reserved_) reserved += bytes;
-  return {queue_.size(), queue_.running(), reserved};
+  return {queue_.size(), queue_.running(), memory_->reserved()};
 }
 
 void JobService::retire(const LivePtr& job) {
@@ -286,33 +291,20 @@ JobService::LivePtr JobService::next_job(std::stop_token stop) {
   std::optional<JobQueue::Entry> next;
   changed_.wait(lock, stop, [&] {
     if (!draining_ && !stop.stop_requested())
-      next = queue_.take(limits_.tenant_running, free_bytes());
+      // One job may always run: whether it is too large by itself, it learns from admit().
+      next = queue_.take(limits_.tenant_running,
+                         queue_.running() == 0 ? UINT64_MAX : memory_->free_bytes());
     return next.has_value();
   });
   if (!next) return nullptr;
   const LivePtr& job = by_sequence_.at(next->sequence);
-  if (next->bytes > 0) reserved_[job->id] = next->bytes;
+  if (next->bytes > 0) memory_->reserve(job->id, next->bytes);
   return job;
 }
 
-// One job may always run: whether it is too large by itself, it learns from admit().
-std::uint64_t JobService::free_bytes() const {
-  if (limits_.memory_bytes == 0 || queue_.running() == 0) return UINT64_MAX;
-  std::uint64_t free = limits_.memory_bytes;
-  for (const auto& [id, bytes] : reserved_) free -= std::min(free, bytes);
-  return free;
-}
-
 Admission JobService::admit(const LiveJob& job, std::uint64_t bytes) {
-  if (limits_.memory_bytes == 0) return Admission::kYes;
-  if (bytes > limits_.memory_bytes) return Admission::kNever;
-  const std::lock_guard lock(mutex_);
-  std::uint64_t free = limits_.memory_bytes;
-  for (const auto& [id, taken] : reserved_)
-    if (id != job.id) free -= std::min(free, taken);
-  if (bytes > free) return Admission::kLater;
-  reserved_[job.id] = bytes;
-  return Admission::kYes;
+  if (bytes > memory_->for_bakes()) return Admission::kNever;
+  return memory_->reserve(job.id, bytes) ? Admission::kYes : Admission::kLater;
 }
 
 // Into the queue again, now that its size is known. A cancel that came meanwhile ends it.
@@ -347,7 +339,7 @@ void JobService::runner_loop(std::stop_token stop) {
     {
       const std::lock_guard lock(mutex_);
       queue_.release(job->stored.job.tenant);
-      reserved_.erase(job->id);
+      memory_->release(job->id);
     }
     if (deferred) put_back(job, stop);
     settle(job);
@@ -365,6 +357,7 @@ bool JobService::run_job(const LivePtr& job, std::stop_token stop) {
                            limits_,
                            metrics_,
                            [&](std::uint64_t bytes) { return admit(*job, bytes); },
+                           memory_->for_bakes(),
                            [&] { notify(*job); }};
   const CpuMeter::Run cpu(cpu_meter_);
   JobRun run(context, *job);

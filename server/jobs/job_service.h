@@ -22,6 +22,7 @@
 #include "server/jobs/event_ring.h"
 #include "server/jobs/job_queue.h"
 #include "server/jobs/job_store.h"
+#include "server/memory_budget.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
 
@@ -51,6 +52,8 @@ struct JobLimits {
   double checkpoint_share = 0.05;               ///< see baker::BakeInput
   std::chrono::milliseconds part_time{10'000};  ///< likewise
   std::uint64_t memory_bytes = 0;  ///< of running bakes, by their estimates; 0: no limit
+  /// Instead, where they share it with others.
+  std::shared_ptr<MemoryBudget> memory = nullptr;
 };
 
 /// What submit() takes.
@@ -178,7 +181,6 @@ class JobService {
   void runner_loop(std::stop_token);
   bool run_job(const LivePtr&, std::stop_token);
   void settle(const LivePtr&);
-  std::uint64_t free_bytes() const;  ///< of memory, for one more job; needs mutex_
   Admission admit(const LiveJob&, std::uint64_t bytes);
   void put_back(const LivePtr&, const std::stop_token&);
   void notify(const LiveJob&);
@@ -200,6 +202,7 @@ class JobService {
   baker::ImportLimits import_limits_;
   Metrics* metrics_;  ///< null: nobody counts
   CpuMeter cpu_meter_;
+  const std::shared_ptr<MemoryBudget> memory_;
   std::function<void(const EventRing*)> event_hook_;
 
   mutable std::mutex mutex_;  ///< guards what follows
@@ -207,8 +210,7 @@ class JobService {
   std::map<std::string, LivePtr> live_;  ///< jobs that are not over
   JobQueue queue_;
   std::map<std::int64_t, LivePtr> by_sequence_;
-  std::map<std::string, std::uint64_t> reserved_;  ///< memory by running job
-  std::set<std::string> keys_in_use_;              ///< idempotency keys of requests being answered
+  std::set<std::string> keys_in_use_;  ///< idempotency keys of requests being answered
   std::size_t submitting_ = 0;
   bool draining_ = false;
   bool waiters_released_ = false;

@@ -344,6 +344,33 @@ TEST(ImportProcess, MemoryBeyondTheLimitIsItsOwnError) {
   EXPECT_EQ(isolated.code_of(scene.files), "");
 }
 
+TEST(ImportProcess, StartsWithLittleAndAgainWithMore) {
+  if (!kHasMemoryLimit) GTEST_SKIP();
+  Isolated isolated;
+  const Scene scene(slow_glb());
+  constexpr std::uint64_t kMiB = 1 << 20;
+  isolated.options.memory = std::make_shared<MemoryBudget>(
+      2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB, 128 * kMiB});
+  EXPECT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_GT(isolated.started, 1);
+  EXPECT_EQ(isolated.options.memory->free_bytes(), isolated.options.memory->for_bakes());
+  isolated.options.memory =
+      std::make_shared<MemoryBudget>(2048 * kMiB, MemoryBudget::Imports{2, 256 * kMiB, 128 * kMiB});
+  EXPECT_EQ(isolated.code_of(scene.files), "import_out_of_memory");
+}
+
+TEST(ImportProcess, ACheckWhoseTurnDoesNotComeIsRefused) {
+  Isolated isolated;
+  const Scene scene(slow_glb());
+  isolated.options.memory = std::make_shared<MemoryBudget>(0, MemoryBudget::Imports{1, 0});
+  isolated.options.patience = 20ms;
+  const auto other = isolated.options.memory->enter(0, {});
+  const auto refused = Importer(isolated.options).check(scene.files, {});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, "overloaded");
+  EXPECT_EQ(isolated.started, 0);
+}
+
 /// A program in place of the importer: a shell script, whose descriptor 3 is the product.
 fs::path script(const TempFolder& folder, const std::string& lines) {
   const fs::path path = folder.write("impostor", "#!/bin/sh\n" + lines + "\n");

@@ -1,0 +1,120 @@
+#include "server/memory_budget.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "proto/job.h"
+
+namespace kiln::server {
+
+MemoryBudget::MemoryBudget(std::uint64_t bytes, Imports imports)
+    : bytes_(bytes), imports_(imports) {
+  if (bytes_ == 0 || imports_.processes == 0) return;
+  if (imports_.most_bytes > 0)
+    imports_.least_bytes = std::min(imports_.least_bytes, imports_.most_bytes);
+  imports_.least_bytes = std::min(imports_.least_bytes, bytes_ / 4 / imports_.processes);
+  set_aside_ = imports_.least_bytes * imports_.processes;
+}
+
+std::uint64_t MemoryBudget::for_bakes() const {
+  return bytes_ == 0 ? UINT64_MAX : bytes_ - set_aside_;
+}
+
+std::uint64_t MemoryBudget::free_without_waiting() const {
+  std::uint64_t free = for_bakes() - std::min(for_bakes(), taken_);
+  for (const auto& [job, taken] : reserved_) free -= std::min(free, taken);
+  return free;
+}
+
+std::uint64_t MemoryBudget::free_bytes() const {
+  if (bytes_ == 0) return UINT64_MAX;
+  const std::lock_guard lock(mutex_);
+  const std::uint64_t free = free_without_waiting();
+  return free - std::min(free, wanted_);
+}
+
+bool MemoryBudget::reserve(const std::string& job, std::uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  const auto had = reserved_.find(job);
+  const std::uint64_t own = had == reserved_.end() ? 0 : had->second;
+  std::uint64_t free = bytes_ == 0 ? UINT64_MAX : free_without_waiting() + own;
+  if (bytes > own) free -= std::min(free, wanted_);
+  if (bytes > free) return false;
+  reserved_[job] = bytes;
+  if (bytes < own) changed_.notify_all();
+  return true;
+}
+
+void MemoryBudget::release(const std::string& job) {
+  const std::lock_guard lock(mutex_);
+  reserved_.erase(job);
+  changed_.notify_all();
+}
+
+std::uint64_t MemoryBudget::reserved() const {
+  const std::lock_guard lock(mutex_);
+  std::uint64_t all = 0;
+  for (const auto& [job, bytes] : reserved_) all += bytes;
+  return all;
+}
+
+std::uint64_t MemoryBudget::for_import() const {
+  if (bytes_ == 0) return imports_.most_bytes;
+  const std::uint64_t all = imports_.least_bytes + for_bakes();
+  return imports_.most_bytes == 0 ? all : std::min(all, imports_.most_bytes);
+}
+
+std::uint64_t MemoryBudget::beyond_least(std::uint64_t bytes) const {
+  return bytes - std::min(bytes, imports_.least_bytes);
+}
+
+proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
+    std::uint64_t bytes, std::stop_token stop, std::optional<std::chrono::milliseconds> patience) {
+  const std::uint64_t given =
+      bytes_ == 0 ? for_import() : std::clamp(bytes, imports_.least_bytes, for_import());
+  const std::uint64_t beyond = bytes_ == 0 ? 0 : beyond_least(given);
+  std::unique_lock lock(mutex_);
+  const auto free = [&] {
+    return running_ < imports_.processes && (beyond == 0 || beyond <= free_without_waiting());
+  };
+  wanted_ += beyond;
+  const bool there =
+      patience ? changed_.wait_for(lock, stop, *patience, free) : changed_.wait(lock, stop, free);
+  wanted_ -= beyond;
+  if (!there) {
+    lock.unlock();
+    if (hook_ && beyond > 0) hook_();
+    if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+    return proto::fail("overloaded", "Too many scenes are being read at once.");
+  }
+  ++running_;
+  taken_ += beyond;
+  return Place(*this, given, beyond);
+}
+
+proto::Expected<MemoryBudget::Place> MemoryBudget::enter_within_job(std::stop_token stop) {
+  std::unique_lock lock(mutex_);
+  if (!changed_.wait(lock, stop, [&] { return running_ < imports_.processes; }))
+    return proto::fail(proto::kCanceledCode, "canceled");
+  ++running_;
+  return Place(*this, imports_.most_bytes, 0);
+}
+
+void MemoryBudget::leave(std::uint64_t taken) {
+  {
+    const std::lock_guard lock(mutex_);
+    --running_;
+    taken_ -= taken;
+  }
+  changed_.notify_all();
+  if (hook_ && taken > 0) hook_();
+}
+
+MemoryBudget::Place::Place(Place&& other) noexcept
+    : budget_(std::exchange(other.budget_, nullptr)), bytes_(other.bytes_), taken_(other.taken_) {}
+
+MemoryBudget::Place::~Place() {
+  if (budget_) budget_->leave(taken_);
+}
+
+}  // namespace kiln::server

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "proto/expected.h"
+
+namespace kiln::server {
+
+/// The machine's memory, shared between bakes, which reserve what they are estimated to take, and
+/// import processes, which are held to what they were given. Thread-safe.
+///
+/// So that an upload can be read while bakes have all that is theirs, a little is set aside for
+/// each of the import processes that may run at once; what one needs beyond comes from what bakes
+/// left, and is waited for.
+class MemoryBudget {
+ public:
+  struct Imports {
+    std::uint32_t processes = 0;                           ///< at once; 0: there are none
+    std::uint64_t most_bytes = 0;                          ///< that one is ever given
+    std::uint64_t least_bytes = std::uint64_t(256) << 20;  ///< set aside for each, if that leaves
+                                                           ///< three quarters for bakes
+  };
+  /// @param bytes 0: no limit
+  explicit MemoryBudget(std::uint64_t bytes) : MemoryBudget(bytes, Imports{}) {}
+  MemoryBudget(std::uint64_t bytes, Imports);
+  MemoryBudget(const MemoryBudget&) = delete;
+  MemoryBudget& operator=(const MemoryBudget&) = delete;
+
+  /// What all bakes together may reserve; UINT64_MAX: no limit.
+  std::uint64_t for_bakes() const;
+  /// What one more may reserve now.
+  std::uint64_t free_bytes() const;
+  /// Reserves so much for a job, in place of what it had. False, and no change, when there is not
+  /// so much beside the others.
+  bool reserve(const std::string& job, std::uint64_t bytes);
+  void release(const std::string& job);
+  std::uint64_t reserved() const;  ///< by bakes
+
+  /// The right to run one import process. Ends with the object.
+  class Place {
+   public:
+    Place(Place&& other) noexcept;
+    Place& operator=(Place&&) = delete;
+    ~Place();
+    std::uint64_t bytes() const { return bytes_; }  ///< that the process may take; 0: no limit
+
+   private:
+    friend class MemoryBudget;
+    Place(MemoryBudget& budget, std::uint64_t bytes, std::uint64_t taken)
+        : budget_(&budget), bytes_(bytes), taken_(taken) {}
+    MemoryBudget* budget_;
+    std::uint64_t bytes_, taken_;
+  };
+  /// Most that an import process can be given, once bakes have ended. 0: no limit.
+  std::uint64_t for_import() const;
+  /// Waits for a place with so many bytes; fewer than the least become the least. Bakes that would
+  /// need what is waited for are not let in meanwhile.
+  /// Errors: `canceled`; `overloaded` when it takes longer than `patience`.
+  proto::Expected<Place> enter(std::uint64_t bytes, std::stop_token,
+                               std::optional<std::chrono::milliseconds> patience = {});
+  /// For a process that works for a job whose bake is over, within what that job has reserved.
+  proto::Expected<Place> enter_within_job(std::stop_token);
+
+  /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
+  /// there are any.
+  void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
+
+ private:
+  std::uint64_t free_without_waiting() const;  ///< needs mutex_, as do the others
+  std::uint64_t beyond_least(std::uint64_t bytes) const;
+  void leave(std::uint64_t taken);
+
+  const std::uint64_t bytes_;
+  Imports imports_;
+  std::uint64_t set_aside_ = 0;
+  std::function<void()> hook_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::map<std::string, std::uint64_t> reserved_;  ///< by job
+  std::uint32_t running_ = 0;                      ///< import processes
+  std::uint64_t taken_ = 0;                        ///< by them, beyond what is set aside
+  std::uint64_t wanted_ = 0;                       ///< likewise, by those that wait
+};
+
+}  // namespace kiln::server
