@@ -75,7 +75,7 @@ Pass GatherSchedule::plan_bounce(std::span<const proto::PassReport> done) const 
   const BouncePlan::Bounce bounce = bounces_.next(done);
   Pass pass;
   pass.name = bounce.stands_for_others ? kTail : kBounce;
-  pass.batch_texels = 4096;
+  pass.batch_texels = 1024;
   pass.completes = bounce.last;
   pass.tail_scale = bounce.tail_scale;
   pass.sample_count = bounce.directions;

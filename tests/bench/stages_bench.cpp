@@ -67,22 +67,6 @@ double solve_seconds(const ReadyScene& ready, unsigned threads) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// Wall time of the default solve, one thread and two in turns; means something on an idle machine
-/// only.
-void threads(benchmark::State& state, const char* generator, std::uint32_t page_size) {
-  const ReadyScene ready(generator, 0, page_size);
-  double one = 1e9, two = 1e9;
-  for (auto _ : state) {
-    one = std::min(one, solve_seconds(ready, 1));
-    const double now = solve_seconds(ready, 2);
-    two = std::min(two, now);
-    state.SetIterationTime(now);
-  }
-  state.counters["one_thread_s"] = one;
-  state.counters["two_threads_s"] = two;
-  state.counters["speedup"] = one / two;
-}
-
 double solve_cpu_seconds(const ReadyScene& ready, std::uint32_t bounces) {
   proto::SolverSettings settings;
   settings.samples = settings.direct_samples = 64;
@@ -96,18 +80,39 @@ double solve_cpu_seconds(const ReadyScene& ready, std::uint32_t bounces) {
   return double(std::clock() - start) / CLOCKS_PER_SEC;
 }
 
-/// CPU time of a solve with sixteen bounces over that with one, in turns.
+/// The shortest seconds of two ways, in turns.
+struct InTurns {
+  double first = 1e9, second = 1e9;
+
+  template <class First, class Second>
+  InTurns(benchmark::State& state, const First& one, const Second& two) {
+    for (auto _ : state) {
+      first = std::min(first, one());
+      const double now = two();
+      second = std::min(second, now);
+      state.SetIterationTime(now);
+    }
+  }
+};
+
+/// Wall time of the default solve, one thread and two; means something on an idle machine only.
+void threads(benchmark::State& state, const char* generator, std::uint32_t page_size) {
+  const ReadyScene ready(generator, 0, page_size);
+  const InTurns s(
+      state, [&] { return solve_seconds(ready, 1); }, [&] { return solve_seconds(ready, 2); });
+  state.counters["one_thread_s"] = s.first;
+  state.counters["two_threads_s"] = s.second;
+  state.counters["speedup"] = s.first / s.second;
+}
+
+/// CPU time of a solve with one bounce and with sixteen.
 void bounces(benchmark::State& state, const char* generator, std::uint32_t page_size) {
   const ReadyScene ready(generator, 0, page_size);
-  double one = 1e9, sixteen = 1e9;
-  for (auto _ : state) {
-    one = std::min(one, solve_cpu_seconds(ready, 1));
-    const double now = solve_cpu_seconds(ready, 16);
-    sixteen = std::min(sixteen, now);
-    state.SetIterationTime(now);
-  }
-  state.counters["one_bounce_s"] = one;
-  state.counters["sixteen_bounces_s"] = sixteen;
+  const InTurns s(
+      state, [&] { return solve_cpu_seconds(ready, 1); },
+      [&] { return solve_cpu_seconds(ready, 16); });
+  state.counters["one_bounce_s"] = s.first;
+  state.counters["sixteen_bounces_s"] = s.second;
 }
 
 constexpr auto kUnit = benchmark::kMillisecond;
