@@ -45,7 +45,7 @@ constexpr Known kKnown[] = {
     {"MOZ_lightmap", true, "a lightmap that the scene already has is not read"},
     {"EXT_lights_image_based", true, "the environment is not read; the sky is set by sky.radiance"},
     {"EXT_mesh_gpu_instancing", false, "each instanced mesh is baked once, at its node"},
-    {"KHR_draco_mesh_compression", false, "the uncompressed accessors are read"},
+    {"KHR_draco_mesh_compression", true, ""},
     {"EXT_meshopt_compression", true, ""},
     {"EXT_texture_webp", true, ""},
     {"KHR_texture_basisu", false, "textures that have no other image are left out"},

@@ -174,6 +174,8 @@ class Checker {
         return check_index(value, f.target);
       case Kind::kIndexMap:
         return check_index_map(value, f.target);
+      case Kind::kIntegerMap:
+        return each_member(value, [&](json& m) { return check_integer(m, f.low, f.high); });
       case Kind::kObject:
         return check_object(value, f.fields);
       case Kind::kStrings:

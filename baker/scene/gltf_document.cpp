@@ -5,6 +5,7 @@
 #include "baker/exec/stop.h"
 #include "baker/scene/accessors.h"
 #include "baker/scene/container.h"
+#include "baker/scene/draco_document.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/extensions.h"
 #include "baker/scene/gltf_json.h"
@@ -120,9 +121,43 @@ Expected<void> unpack_views(Document& document, const json& views, const ImportL
   return {};
 }
 
-Expected<void> check_buffer_views(const tinygltf::Model& model, const json& buffers) {
+/// Bytes of a view of a document that was not read into the library yet.
+std::optional<std::string_view> view_bytes(const Document& document, const json& view,
+                                           std::size_t index) {
+  const auto& unpacked = document.unpacked_views;
+  if (index < unpacked.size() && unpacked[index]) return unpacked[index];
+  const auto& buffer = document.buffers[view.at("buffer").get<std::size_t>()];
+  const auto offset = view.value("byteOffset", std::uint64_t{0}),
+             length = view.at("byteLength").get<std::uint64_t>();
+  if (!buffer || offset > buffer->size() || length > buffer->size() - offset) return std::nullopt;
+  return buffer->substr(offset, length);
+}
+
+/// Decodes the meshes that KHR_draco_mesh_compression holds; new views take what they held.
+Expected<void> unpack_meshes(Document& document, json& parsed, const ImportLimits& limits,
+                             const std::stop_token& stop) {
+  if (!parsed.contains("bufferViews")) return {};
+  json& views = parsed["bufferViews"];
+  const auto bytes = [&](std::size_t i) -> std::optional<std::string_view> {
+    return i < views.size() ? view_bytes(document, views[i], i) : std::nullopt;
+  };
+  const auto add = [&](std::string plain, std::uint32_t stride) {
+    json view = {{"buffer", 0u}, {"byteOffset", 0u}, {"byteLength", plain.size()}};
+    if (stride > 0) view["byteStride"] = stride;
+    document.decoded.push_back(std::make_unique<std::string>(std::move(plain)));
+    views.push_back(std::move(view));
+    document.unpacked_views.resize(views.size());
+    document.unpacked_views.back() = *document.decoded.back();
+    return views.size() - 1;
+  };
+  return DracoUnpacker<json>(parsed, {bytes, add}, limits.file_bytes).run(stop);
+}
+
+Expected<void> check_buffer_views(const Document& document, const json& buffers) {
+  const tinygltf::Model& model = *document.model;
   for (std::size_t i = 0; i < model.bufferViews.size(); ++i) {
     const auto& view = model.bufferViews[i];
+    if (i < document.unpacked_views.size() && document.unpacked_views[i]) continue;
     const auto length =
         buffers[static_cast<std::size_t>(view.buffer)].at("byteLength").get<std::uint64_t>();
     if (view.byteOffset > length || view.byteLength > length - view.byteOffset) {
@@ -196,7 +231,6 @@ Expected<void> read_document(Document& document, const Container& container,
     return over_limit("too many nodes", limits.nodes, "nodes", "/nodes");
   }
   if (stop.stop_requested()) return canceled();
-  if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
   const json buffers = take(*parsed, "buffers");
   read_images(document, take(*parsed, "images"));
   document.has_animations = !take(*parsed, "animations").empty();
@@ -206,6 +240,8 @@ Expected<void> read_document(Document& document, const Container& container,
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
   if (const auto views = parsed->find("bufferViews"); views != parsed->end())
     if (auto unpacked = unpack_views(document, *views, limits, stop); !unpacked) return unpacked;
+  if (auto unpacked = unpack_meshes(document, *parsed, limits, stop); !unpacked) return unpacked;
+  if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
   json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
        accessors = take(*parsed, "accessors");
   if (auto model = read_model(document, *parsed); !model) return model;
@@ -216,7 +252,7 @@ Expected<void> read_document(Document& document, const Container& container,
   meshes.clear();
   read_accessors(*document.model, accessors, stopped);
   if (stop.stop_requested()) return canceled();
-  return check_buffer_views(*document.model, buffers);
+  return check_buffer_views(document, buffers);
 }
 
 }  // namespace

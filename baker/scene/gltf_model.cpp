@@ -42,10 +42,6 @@ tinygltf::Primitive primitive_of(const json& from) {
   if (const auto targets = from.find("targets"); targets != from.end()) {
     for (const json& target : *targets) out.targets.push_back(indices_of(target));
   }
-  const auto extensions = from.find("extensions");
-  if (extensions != from.end() && extensions->contains("KHR_draco_mesh_compression")) {
-    out.extensions.emplace("KHR_draco_mesh_compression", tinygltf::Value());
-  }
   return out;
 }
 

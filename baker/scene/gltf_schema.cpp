@@ -60,7 +60,10 @@ constexpr Field kNode[] = {index("camera", "/cameras"),
                            text("name"),
                            object("extensions", kNodeExtensions)};
 
-constexpr Field kPrimitiveExtensions[] = {object("KHR_draco_mesh_compression", {})};
+constexpr Field kDraco[] = {
+    index("bufferView", "/bufferViews", kRequired),
+    {"attributes", Kind::kIntegerMap, kRequired, nullptr, {}, 0, 0, kMaxOffset}};
+constexpr Field kPrimitiveExtensions[] = {object("KHR_draco_mesh_compression", kDraco)};
 constexpr Field kPrimitive[] = {{"attributes", Kind::kIndexMap, kRequired, "/accessors"},
                                 index("indices", "/accessors"),
                                 index("material", "/materials"),

@@ -11,14 +11,15 @@ namespace kiln::baker {
 enum class Kind {
   kBool,
   kString,
-  kWord,       ///< one of the words of `target`, which are parted by spaces
-  kInteger,    ///< in [low, high]
-  kNumber,     ///< in [low, high]; fits a float
-  kNumbers,    ///< array of `length` kNumbers, any length when 0
-  kIndex,      ///< into the collection `target`
-  kIndices,    ///< array of those
-  kIndexMap,   ///< object whose members are kIndex
-  kIndexMaps,  ///< array of those
+  kWord,        ///< one of the words of `target`, which are parted by spaces
+  kInteger,     ///< in [low, high]
+  kNumber,      ///< in [low, high]; fits a float
+  kNumbers,     ///< array of `length` kNumbers, any length when 0
+  kIndex,       ///< into the collection `target`
+  kIndices,     ///< array of those
+  kIndexMap,    ///< object whose members are kIndex
+  kIndexMaps,   ///< array of those
+  kIntegerMap,  ///< object whose members are kInteger
   kStrings,
   kObject,   ///< described by `fields`
   kObjects,  ///< array of those

@@ -195,14 +195,6 @@ Expected<std::optional<PrimitiveSource>> open_primitive(Document& document, Acce
     document.warnings.add("not_triangles", out.pointer, why);
     return std::optional<PrimitiveSource>();
   }
-  const auto& positions =
-      document.model->accessors[static_cast<std::size_t>(p.attributes.at("POSITION"))];
-  if (p.extensions.contains("KHR_draco_mesh_compression") && positions.bufferView < 0) {
-    return proto::fail(
-        "unsupported_extension",
-        "the primitive has no data but KHR_draco_mesh_compression, which is not supported", "scene",
-        out.pointer + "/extensions/KHR_draco_mesh_compression");
-  }
   if (auto opened = open_attributes(out, document, accessors, p); !opened) {
     return Unexpected(opened.error());
   }

@@ -112,6 +112,11 @@ std::vector<std::string> documents() {
   }
   out.push_back(
       packed_by_meshopt(test::triangle_builder(), {{"ATTRIBUTES", "EXPONENTIAL", 12}}).glb());
+  for (const bool edgebreaker : {false, true})
+    out.push_back(test::packed_by_draco({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0},
+                                        {0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, {0, 1, 2, 0, 2, 3},
+                                        edgebreaker)
+                      .glb());
   for (const bool lossless : {false, true}) {
     test::GltfBuilder image = test::triangle_builder();
     const std::string webp = webp_file(lossless);

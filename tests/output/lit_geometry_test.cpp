@@ -291,6 +291,21 @@ TEST(LitGeometry, CompressedBuffersAreReadWhereVerticesSplit) {
   EXPECT_EQ(whole.json["buffers"].size(), 2u);
 }
 
+TEST(LitGeometry, WhatDracoHeldIsPlain) {
+  for (const Layout layout : {Layout::kWhole, Layout::kPerTriangle}) {
+    const TempFolder folder;
+    const GltfBuilder packed = packed_by_draco(kCorners, kNormals, {0, 1, 2, 0, 2, 3}, true);
+    const SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
+    const GlbReader lit = light(folder, files, layout);
+    EXPECT_FALSE(primitive(lit).contains("extensions"));
+    EXPECT_FALSE(lit.json.contains("extensionsRequired"));
+    const auto corners = corner_positions(lit, primitive(lit));
+    ASSERT_EQ(corners.size(), kTwoTriangles.size());
+    EXPECT_TRUE(std::is_permutation(corners.begin(), corners.end(), kTwoTriangles.begin()));
+    EXPECT_NEAR(lit.values<float>(primitive(lit)["attributes"]["NORMAL"], 3).at(2), 1, 1e-3);
+  }
+}
+
 TEST(LitGeometry, DracoIsDroppedFromLitPrimitives) {
   const TempFolder folder;
   GltfFile g = square();

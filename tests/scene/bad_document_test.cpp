@@ -52,14 +52,6 @@ TEST(BadInput, RequiredExtension) {
   expect_refused(require, "unsupported_extension", "/extensionsRequired/1");
 }
 
-TEST(BadInput, CompressedDataOnly) {
-  GltfBuilder b = triangle_builder();
-  b.json["accessors"][0].erase("bufferView");
-  primitive(b)["extensions"]["KHR_draco_mesh_compression"] = {{"bufferView", 0}};
-  expect_refused(b.glb(), "unsupported_extension",
-                 "/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression");
-}
-
 TEST(BadInput, WrongTypesAndMissingProperties) {
   const auto refuse = [](const Edit& edit, const std::string& pointer) {
     expect_refused(edit, "invalid_scene", pointer);

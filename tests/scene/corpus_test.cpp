@@ -117,30 +117,6 @@ bool behaves(const Row& row, const Outcome& outcome) {
   return row.must == "either";
 }
 
-/// Rows whose files need what a later issue brings. Until then each is refused for the extension
-/// that it requires; a row that is baked, or refused for another reason, must leave this list.
-struct Waiting {
-  const char* file;
-  const char* feature;
-};
-constexpr Waiting kWaiting[] = {
-    {"assimp/draco/2CylinderEngine.gltf", "KHR_draco_mesh_compression"},
-    {"derived/CornellBox_draco.glb", "KHR_draco_mesh_compression"},
-    {"derived/ShapeCollection_draco.glb", "KHR_draco_mesh_compression"},
-};
-
-const Waiting* find_waiting(const std::string& file) {
-  const auto* found = std::find_if(std::begin(kWaiting), std::end(kWaiting),
-                                   [&](const Waiting& w) { return file == w.file; });
-  return found == std::end(kWaiting) ? nullptr : found;
-}
-
-void expect_waits(const Waiting& waiting, const Outcome& outcome) {
-  ASSERT_TRUE(outcome.error) << "is baked: take it off the list";
-  EXPECT_EQ(outcome.error->code, "unsupported_extension") << describe(outcome);
-  EXPECT_NE(outcome.error->message.find(waiting.feature), std::string::npos) << describe(outcome);
-}
-
 TEST(Corpus, EveryFileBehavesAsTheTableSays) {
   if (!fs::exists(corpus() / "index.tsv")) {
     GTEST_SKIP() << "the corpus is absent: " << corpus().string();
@@ -149,18 +125,14 @@ TEST(Corpus, EveryFileBehavesAsTheTableSays) {
   for (const Row& row : rows()) {
     SCOPED_TRACE(row.file);
     const Outcome outcome = bake_input(row);
-    // All that may be refused for want of a feature alone is on the list, and nothing else.
-    if (const Waiting* waiting = find_waiting(row.file)) {
-      expect_waits(*waiting, outcome);
-      ++seen["waiting"];
-    } else if (row.must == "bake_or_reject") {
+    // Nothing is refused for want of a feature alone.
+    if (row.must == "bake_or_reject") {
       EXPECT_FALSE(outcome.error) << describe(outcome);
     }
     EXPECT_TRUE(behaves(row, outcome))
         << "must " << row.must << " (" << row.reason << "), but: " << describe(outcome);
     ++seen[row.must];
   }
-  EXPECT_EQ(seen["waiting"], std::ssize(kWaiting)) << "a waiting row is not in the table";
   EXPECT_GT(seen["bake"], 0);
   EXPECT_GT(seen["reject"], 0);
 }

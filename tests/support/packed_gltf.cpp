@@ -1,6 +1,9 @@
 #include "support/packed_gltf.h"
 
+#include <draco/compression/encode.h>
 #include <meshoptimizer.h>
+
+#include <stdexcept>
 
 namespace kiln::test {
 namespace {
@@ -54,6 +57,48 @@ GltfBuilder packed_by_meshopt(GltfBuilder plain, const std::vector<PackedView>& 
                           {"extensions", {{"EXT_meshopt_compression", {{"fallback", true}}}}}}};
   out.json["extensionsUsed"] =
       out.json["extensionsRequired"] = {"EXT_meshopt_compression", "KHR_mesh_quantization"};
+  return out;
+}
+
+GltfBuilder packed_by_draco(const std::vector<float>& positions, const std::vector<float>& normals,
+                            const std::vector<std::uint32_t>& indices, bool edgebreaker) {
+  const auto count = static_cast<std::uint32_t>(positions.size() / 3);
+  draco::Mesh mesh;
+  mesh.set_num_points(count);
+  const auto add = [&](draco::GeometryAttribute::Type type, const std::vector<float>& values) {
+    draco::GeometryAttribute attribute;
+    attribute.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 12, 0);
+    const int id = mesh.AddAttribute(attribute, true, count);
+    for (std::uint32_t i = 0; i < count; ++i)
+      mesh.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(i), &values[3 * i]);
+    return mesh.attribute(id)->unique_id();
+  };
+  const auto position = add(draco::GeometryAttribute::POSITION, positions),
+             normal = add(draco::GeometryAttribute::NORMAL, normals);
+  for (std::size_t i = 0; i < indices.size(); i += 3)
+    mesh.AddFace({draco::PointIndex(indices[i]), draco::PointIndex(indices[i + 1]),
+                  draco::PointIndex(indices[i + 2])});
+  draco::Encoder encoder;
+  encoder.SetEncodingMethod(edgebreaker ? draco::MESH_EDGEBREAKER_ENCODING
+                                        : draco::MESH_SEQUENTIAL_ENCODING);
+  draco::EncoderBuffer packed;
+  if (!encoder.EncodeMeshToBuffer(mesh, &packed).ok()) throw std::runtime_error("draco");
+
+  GltfBuilder out;
+  const int view = out.view(packed.data(), packed.size());
+  const auto accessor = [&](int component_type, std::size_t n, const char* type) {
+    return out.add("accessors", {{"componentType", component_type}, {"count", n}, {"type", type}});
+  };
+  const int p = accessor(5126, count, "VEC3"), n = accessor(5126, count, "VEC3"),
+            i = accessor(5123, indices.size(), "SCALAR");
+  out.node(
+      {{"mesh", out.mesh({{"attributes", {{"POSITION", p}, {"NORMAL", n}}},
+                          {"indices", i},
+                          {"extensions",
+                           {{"KHR_draco_mesh_compression",
+                             {{"bufferView", view},
+                              {"attributes", {{"POSITION", position}, {"NORMAL", normal}}}}}}}})}});
+  out.json["extensionsUsed"] = out.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
   return out;
 }
 

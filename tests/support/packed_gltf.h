@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -17,5 +18,10 @@ struct PackedView {
 /// the plain buffer becomes one without data. Filters other than NONE take what they decode: the
 /// view holds four bytes of an octahedral normal, or EXPONENTIAL numbers, already.
 GltfBuilder packed_by_meshopt(GltfBuilder plain, const std::vector<PackedView>& views);
+
+/// One primitive whose data KHR_draco_mesh_compression holds alone, losslessly. Indices are shorts.
+/// @param edgebreaker the encoding that orders vertices anew; else the sequential one
+GltfBuilder packed_by_draco(const std::vector<float>& positions, const std::vector<float>& normals,
+                            const std::vector<std::uint32_t>& indices, bool edgebreaker);
 
 }  // namespace kiln::test

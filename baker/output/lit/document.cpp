@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "baker/scene/container.h"
+#include "baker/scene/draco_document.h"
 #include "baker/scene/meshopt_decoder.h"
 #include "baker/scene/uri.h"
 #include "proto/files.h"
@@ -54,6 +55,7 @@ Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files
   if (auto ok = doc->load_buffers(container->binary); !ok) return Unexpected(ok.error());
   if (auto ok = doc->load_views(); !ok) return Unexpected(ok.error());
   doc->merge_buffers();
+  if (auto ok = doc->unpack_meshes(); !ok) return Unexpected(ok.error());
   doc->embed_images();
   return doc;
 }
@@ -158,6 +160,22 @@ void LitDocument::merge_buffers() {
       if (view.contains(packed) && view[packed].is_object()) move_view(view[packed]);
     }
   json()["buffers"] = std::move(merged);
+}
+
+/// Meshes that KHR_draco_mesh_compression holds become plain, see DracoUnpacker.
+Expected<void> LitDocument::unpack_meshes() {
+  const auto bytes = [&](std::size_t i) -> std::optional<std::string_view> {
+    return i < views_.size() ? views_[i] : std::nullopt;
+  };
+  const auto add = [&](std::string plain, std::uint32_t stride) {
+    views_.push_back(decoded_.emplace_back(std::move(plain)));
+    Json view = {{"buffer", 0},
+                 {"byteOffset", binary_.append_view(*views_.back())},
+                 {"byteLength", views_.back()->size()}};
+    if (stride > 0) view["byteStride"] = stride;
+    return std::size_t{this->add("bufferViews", std::move(view))};
+  };
+  return DracoUnpacker<Json>(json(), {bytes, add}, std::numeric_limits<std::uint64_t>::max()).run();
 }
 
 Json& extensions_of(Json& object) {

@@ -60,6 +60,7 @@ class LitDocument {
   proto::Expected<void> load_views();
   std::optional<std::string_view> unpack(const Json& view);
   void merge_buffers();
+  proto::Expected<void> unpack_meshes();
   bool allows_image(const std::string& media_type) const;
   void embed_images();
   std::optional<std::string> image_bytes(const std::string& uri) const;

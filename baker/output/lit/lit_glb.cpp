@@ -261,12 +261,20 @@ void list_extensions(Json& document) {
   Json& used = document["extensionsUsed"];
   if (!used.is_array()) used = Json::array();
   const bool draco = uses_draco(document);
-  Json kept = Json::array();
-  for (const Json& name : used)
-    if (draco || name != kDraco) kept.push_back(name);
+  const auto without_draco = [&](const Json& names) {
+    Json kept = Json::array();
+    for (const Json& name : names)
+      if (draco || name != kDraco) kept.push_back(name);
+    return kept;
+  };
+  Json kept = without_draco(used);
   for (const char* name : {"MX_lightmap", "MOZ_lightmap"})
     if (std::find(kept.begin(), kept.end(), name) == kept.end()) kept.push_back(name);
   used = std::move(kept);
+  const auto required = document.find("extensionsRequired");
+  if (required == document.end() || !required->is_array()) return;
+  *required = without_draco(*required);
+  if (required->empty()) document.erase("extensionsRequired");  // an empty list is not valid
 }
 
 }  // namespace
