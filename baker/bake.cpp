@@ -264,7 +264,10 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   hooks.before_finish = [&] { writer.release_part(); };
   hooks.restore = [&](const Pass& pass, const Lightmap& before, Lightmap& after) {
     const PassProgress done = writer.restore(pass, before, after, solver->state());
-    if (done.texels > 0) observer.on_resume_within(pass.name, double(done.texels) / texels->size());
+    if (done.texels == 0) return done;
+    const double share = double(done.texels) / texels->size();
+    pace.resume_within(share);
+    observer.on_resume_within(pass.name, share);
     return done;
   };
   auto solution = solve(*solver, *texels, pool, stop, hooks, std::move(start));

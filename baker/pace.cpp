@@ -48,15 +48,15 @@ Pace::Ahead Pace::ahead(const Pass& pass, double share, const Work& all,
   Ahead ahead;
   ahead.share_done = sum > 0 ? by_now.sum() / sum : 0;
   Timed timed = timed_;
-  timed.add(pass.work * share, seconds_between(pass_start_, now));
+  timed.add(pass.work * std::max(share - restored_, 0.0), seconds_between(pass_start_, now));
   if (seconds_between(start_, now) >= kLeastSeconds) ahead.seconds_left = dot(timed.rates(), left);
   return ahead;
 }
 
 void Pace::end_pass(const Pass& pass, Clock::time_point now) {
-  const Work work = pass.work + pass.finish_work;
-  timed_.add(work, seconds_between(pass_start_, now));
-  done_ += work;
+  timed_.add(pass.work * (1 - restored_) + pass.finish_work, seconds_between(pass_start_, now));
+  done_ += pass.work + pass.finish_work;
+  restored_ = 0;
   pass_start_ = now;
 }
 

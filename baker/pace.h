@@ -9,8 +9,8 @@
 
 namespace kiln::baker {
 
-/// How fast a solver goes, and so how long it will take. end_pass() is called between passes, the
-/// others from any thread.
+/// How fast a solver goes, and so how long it will take. ahead() may be called from any thread, the
+/// others while no batch runs.
 class Pace {
  public:
   using Clock = std::chrono::steady_clock;
@@ -25,6 +25,8 @@ class Pace {
     double share_done = 0;               ///< of all
     std::optional<double> seconds_left;  ///< nothing until enough has been done to tell
   };
+  /// The pass that begins has this share of its batches from an earlier attempt.
+  void resume_within(double share) { restored_ = share; }
   Ahead ahead(const Pass&, double share, const Work& all, Clock::time_point = Clock::now()) const;
   void end_pass(const Pass&, Clock::time_point = Clock::now());
 
@@ -40,7 +42,8 @@ class Pace {
   };
 
   Clock::time_point start_, pass_start_;
-  Work done_;  ///< passes that have ended
+  Work done_;            ///< passes that have ended
+  double restored_ = 0;  ///< of the pass under way
   Timed timed_;
 };
 

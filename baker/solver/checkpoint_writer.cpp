@@ -102,7 +102,8 @@ void CheckpointWriter::offer(const Pass& pass, std::span<const proto::PassReport
   std::unique_lock lock(mutex_);
   take_over_bug();
   waiting_ = Offer{{passes.begin(), passes.end()}, std::move(light), {}};
-  if (!pass.completes && !state_on_disk_) waiting_->state = state;
+  has_state_ = has_state_ || pass.fills_state;
+  if (!pass.completes && has_state_ && !state_on_disk_) waiting_->state = state;
   changed_.notify_all();
   if (options_.share < 1) return;
   lock.unlock();

@@ -131,6 +131,7 @@ class CheckpointWriter {
   bool stale_parts_ = true;  ///< there may be some, of a pass that is done
   bool writing_ = false, writing_state_ = false, writing_part_ = false;
   bool hurried_ = false, failed_ = false;
+  bool has_state_ = false;  ///< a pass of this attempt has filled it
   bool state_on_disk_ = false;
   std::exception_ptr bug_;  ///< of the listener, for the next call
   Clock::time_point last_ = Clock::now();

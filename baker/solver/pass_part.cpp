@@ -1,5 +1,6 @@
 #include "baker/solver/pass_part.h"
 
+#include <algorithm>
 #include <fstream>
 #include <optional>
 #include <utility>
@@ -52,6 +53,19 @@ std::vector<Values<Byte>> changed(const Lightmap& before, const Lightmap& after,
   });
   if (!state.empty()) all.push_back({state, state.size() / after.size()});
   return all;
+}
+
+/// Puts the light before the pass back into some texels.
+void take_back(const Lightmap& before, Lightmap& after, TexelRange texels) {
+  std::vector<Values<const std::byte>> from;
+  Lightmap::for_planes(
+      before, [&](const auto& p) { from.push_back(values_of<const std::byte>(p.values())); });
+  std::size_t i = 0;
+  Lightmap::for_planes(std::as_const(after), [&](const auto& p) {
+    const auto origin = from[i++];
+    if (static_cast<const void*>(p.values().data()) == origin.all.data()) return;
+    std::ranges::copy(origin.of(texels), values_of<std::byte>(p.values()).of(texels).begin());
+  });
 }
 
 std::optional<PassPart> read_head(SealedReader& in, const std::string& key) {
@@ -131,7 +145,10 @@ StoredParts read_parts(const fs::path& dir, const std::string& key, const Pass& 
     return whole ? part : std::nullopt;
   };
   while (const auto part = read(false)) {
-    if (!read(true)) break;
+    if (!read(true)) {  // the disk gave another answer
+      take_back(before, after, part->texels);
+      break;
+    }
     ++stored.count;
     stored.progress.texels = part->texels.end;
     stored.progress.rays += part->rays;

@@ -67,5 +67,17 @@ TEST(Pace, AnEarlierAttemptCountsAsDoneButTellsNoSpeed) {
   EXPECT_NEAR(ahead.share_done, 110. / 120, 1e-9);
 }
 
+TEST(Pace, BatchesOfAnEarlierAttemptTellNoSpeedEither) {
+  Pace pace({}, kStart);
+  const Work all = Work::shadow_rays(200);
+  const Pass pass = pass_of(Work::shadow_rays(100));
+  pace.resume_within(0.9);
+  const auto now = kStart + milliseconds(500);
+  EXPECT_NEAR(*pace.ahead(pass, 0.95, all, now).seconds_left, 10.5, 1e-9);
+  EXPECT_NEAR(pace.ahead(pass, 0.95, all, now).share_done, 95. / 200, 1e-9);
+  pace.end_pass(pass, kStart + milliseconds(1000));
+  EXPECT_NEAR(*pace.ahead(pass, 0, all, kStart + milliseconds(1000)).seconds_left, 10, 1e-9);
+}
+
 }  // namespace
 }  // namespace kiln::baker

@@ -37,8 +37,12 @@ struct Recorder : BakeObserver, Told {
   std::vector<double> etas;
   std::stop_source stop;
   std::size_t stop_after = SIZE_MAX;  ///< passes
+  std::function<void()> when_solving;
 
-  void on_stage(const std::string& s) override { stages.push_back(s); }
+  void on_stage(const std::string& s) override {
+    stages.push_back(s);
+    if (s == "solve" && when_solving) when_solving();
+  }
   void on_resume(std::uint32_t n) override { resumed = n; }
   void on_resume_within(const std::string&, double share) override { within = share; }
   void on_warning(const proto::Warning& w) override {

@@ -156,10 +156,12 @@ TEST_F(Resume, InTheMiddleOfAPass) {
     Recorder recorder;
     std::jthread cut;
     if (attempt < 20)
-      cut = std::jthread([&] {
-        std::this_thread::sleep_for(std::chrono::milliseconds(60 + attempt));
-        recorder.stop.request_stop();
-      });
+      recorder.when_solving = [&] {
+        cut = std::jthread([&] {
+          std::this_thread::sleep_for(std::chrono::milliseconds(20 + 2 * attempt));
+          recorder.stop.request_stop();
+        });
+      };
     whole = bake(input_, pool_, recorder.stop.get_token(), recorder).has_value();
     cut = {};
     within += recorder.within > 0;

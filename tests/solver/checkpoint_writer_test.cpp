@@ -16,10 +16,13 @@ namespace {
 constexpr std::uint32_t kTexels = 8;
 constexpr double kNever = 1e-12;  ///< share: not before somebody waits
 
-/// A solver of as many passes as asked for; the first `filling` of them leave a state.
+/// A solver of as many passes as asked for; `filling` of them leave a state.
 class Passes final : public Solver {
  public:
-  explicit Passes(std::uint32_t filling = 0) : filling_(filling) {}
+  struct Filling {
+    std::uint32_t first = 0, count = 0;
+  };
+  explicit Passes(Filling filling) : filling_(filling) {}
   static Pass pass(std::uint32_t index, bool fills = false) {
     Pass p;
     p.name = "p";
@@ -30,7 +33,7 @@ class Passes final : public Solver {
   }
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
     const auto index = std::uint32_t(done.size());
-    return pass(index, index < filling_);
+    return pass(index, index - filling_.first < filling_.count);
   }
   std::uint32_t max_passes() const override { return 100; }
   Work total_work() const override { return Work::other(1); }
@@ -40,7 +43,7 @@ class Passes final : public Solver {
   std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) override { return {}; }
 
  private:
-  std::uint32_t filling_;
+  Filling filling_;
   std::vector<std::byte> state_ = std::vector<std::byte>(64);
 };
 
@@ -48,7 +51,8 @@ class Writing : public ::testing::Test {
  protected:
   kiln::test::TempFolder folder_;
   std::stop_source stop_;
-  Passes solver_{2};
+  Passes::Filling filling_{0, 2};
+  Passes solver_{filling_};
   std::vector<proto::PassReport> passes_;
   std::vector<std::uint32_t> told_;
   std::vector<std::size_t> on_disk_;  ///< passes that were, each time one was told
@@ -71,7 +75,7 @@ class Writing : public ::testing::Test {
         0);
   }
   std::size_t passes_on_disk() const {
-    Passes fresh(2);
+    Passes fresh(filling_);
     const auto start = read_checkpoint(folder_.path(), "key", fresh, kTexels);
     return start && *start ? (*start)->passes.size() : 0;
   }
@@ -93,7 +97,7 @@ class Writing : public ::testing::Test {
   }
   /// Texels of the pass under way that the next process finds.
   std::uint32_t kept(bool fills = false) {
-    Passes fresh(2);
+    Passes fresh(filling_);
     const Pass pass = Passes::pass(std::uint32_t(passes_.size()), fills);
     Lightmap after = *before_;
     after.direct.own();
@@ -136,6 +140,18 @@ TEST_F(Writing, APassIsWrittenWhileTheNextOneRuns) {
   EXPECT_EQ(told_, first(3));
 }
 
+// As a gather does: direct light leaves nothing, then a long pass fills the state. What the first
+// left must be written without it, or there is nothing that parts of the second could follow.
+TEST_F(Writing, APassThatFillsNoStateIsWrittenWithoutWaitingForIt) {
+  filling_ = {1, 1};
+  start(kNever);
+  offer();
+  offer_part(4, true);
+  EXPECT_TRUE(writer_->flush());
+  EXPECT_EQ(passes_on_disk(), 1u);
+  EXPECT_EQ(kept(true), 4u);
+}
+
 TEST_F(Writing, StateThatAPassWillChangeIsNotReadAnyMore) {
   start(kNever);
   offer(true);
@@ -146,7 +162,7 @@ TEST_F(Writing, StateThatAPassWillChangeIsNotReadAnyMore) {
   std::ranges::fill(solver_.state(), std::byte{7});
   EXPECT_TRUE(writer_->flush());
   EXPECT_EQ(told_, first(2));
-  Passes fresh(2);
+  Passes fresh(filling_);
   ASSERT_TRUE(read_checkpoint(folder_.path(), "key", fresh, kTexels));
   EXPECT_EQ(fresh.state()[0], std::byte{7});
 }
