@@ -56,14 +56,14 @@ struct BakeInput {
   /// Exists, or empty for no checkpoints. A bake goes on from those that it finds there, and
   /// leaves its own behind.
   std::filesystem::path checkpoint_dir;
-  std::string scene_sha256;        ///< of the main file, for the manifest
-  std::string scene_key;           ///< names the content of all files
-  std::stop_token enough;  ///< ends the passes early, to write the light of those that are done
+  std::string scene_sha256;  ///< of the main file, for the manifest
+  std::string scene_key;     ///< names the content of all files
+  std::stop_token enough;    ///< ends the passes early, to write the light of those that are done
   /// Asked once, when the scene is known and before anything is made of it, for the memory that the
   /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
-  /// What reads the files, the sky map among them if the settings name one; null: this process does,
-  /// within the limits. Used by one bake at a time.
+  /// What reads the files, the sky map among them if the settings name one; null: this process
+  /// does, within the limits. Used by one bake at a time.
   std::shared_ptr<SceneSource> source = nullptr;
   /// Of the processors' time that checkpoints may take; from 1 on each pass waits for its own. See
   /// CheckpointWriter.

@@ -8,9 +8,9 @@
 namespace kiln::baker {
 
 /// Decodes the images that materials of `scene` name (glTF indices until then), each once, and
-/// makes the textures name Scene::images instead. PNG, JPEG and WebP by their first bytes, any depth and
-/// number of channels; other formats are left out with a warning, so that the factor alone is used.
-/// Errors: `invalid_image`, `missing_file`, `limit_exceeded`, `canceled`.
+/// makes the textures name Scene::images instead. PNG, JPEG and WebP by their first bytes, any
+/// depth and number of channels; other formats are left out with a warning, so that the factor
+/// alone is used. Errors: `invalid_image`, `missing_file`, `limit_exceeded`, `canceled`.
 proto::Expected<void> load_images(Document&, Scene&, const ImportLimits&, const std::stop_token&);
 
 /// Everything of load_images short of decoding: that sources exist.
