@@ -45,7 +45,11 @@ struct Job {
   std::string scene_sha256;
   std::uint64_t scene_bytes = 0;
   BakeSettings settings;
-  std::string tenant;  ///< who owns it; "" on a service without tokens
+  /// Names what the bake gives: jobs with the same key have the same pixels. 64 hexadecimal digits;
+  /// "" of jobs from before there were any.
+  std::string result_key;
+  std::uint64_t queue_position = 0;  ///< 1: next; 0: it does not wait. Known to answers only
+  std::string tenant;                ///< who owns it; "" on a service without tokens
   std::int32_t priority = 0;
   Labels labels;
   std::optional<Webhook> webhook;

@@ -6,6 +6,7 @@
 #include "proto/json_reader.h"
 #include "proto/json_values.h"
 #include "proto/problems.h"
+#include "proto/sha256.h"
 
 namespace kiln::proto {
 namespace {
@@ -117,6 +118,9 @@ json to_json(const Job& job) {
           {"version", job.version},
           {"scene", {{"sha256", job.scene_sha256}, {"bytes", job.scene_bytes}}},
           {"settings", to_json(job.settings)},
+          {"settings_hash", sha256_hex(to_text(to_json(job.settings)))},
+          {"result_key", text_or_null(job.result_key)},
+          {"queue_position", job.queue_position ? json(job.queue_position) : json(nullptr)},
           {"tenant", text_or_null(job.tenant)},
           {"priority", job.priority},
           {"labels", job.labels},

@@ -83,6 +83,8 @@ class Api {
   proto::Expected<Submission> read_json_job(Request&);
   proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
   /// Errors: `not_found`, for a job of another tenant too.
+  nlohmann::json job_document(proto::Job) const;  ///< with its place in the queue
+  Response job_response(int status, const proto::Job&) const;
   proto::Expected<proto::Job> find_job(const Request&) const;
   /// Errors: `not_found`, for an upload of another tenant too.
   proto::Expected<PartialUpload> find_upload(const Request&) const;
@@ -129,7 +131,6 @@ inline constexpr std::uint32_t kMaxWaitSeconds = 60;
 std::vector<std::pair<std::string, std::string>> api_routes();
 
 /// A job as the answer, with its ETag.
-Response job_response(int status, const proto::Job&);
 
 /// A scene as the answer.
 Response scene_response(int status, const StoredScene&);

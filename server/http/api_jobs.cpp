@@ -54,8 +54,14 @@ std::string page_link(const JobFilter& filter, std::int64_t cursor) {
 
 }  // namespace
 
-Response job_response(int status, const proto::Job& job) {
-  return json_response(status, proto::to_json(job))
+nlohmann::json Api::job_document(proto::Job job) const {
+  if (job.state == proto::JobState::kQueued)
+    job.queue_position = parts_.jobs.queue_position(job.id);
+  return proto::to_json(job);
+}
+
+Response Api::job_response(int status, const proto::Job& job) const {
+  return json_response(status, job_document(job))
       .header("ETag", "\"" + std::to_string(job.version) + "\"");
 }
 
@@ -74,7 +80,7 @@ Response Api::list_jobs(Request& request) {
   if (!request.principal.admin) filter->tenant = request.principal.tenant;
   const JobService::Page page = parts_.jobs.list(*filter);
   nlohmann::json items = nlohmann::json::array();
-  for (const auto& job : page.jobs) items.push_back(proto::to_json(job));
+  for (const auto& job : page.jobs) items.push_back(job_document(job));
   nlohmann::json document{{"items", std::move(items)}, {"next_cursor", nullptr}};
   if (!page.next) return json_response(200, document);
   document["next_cursor"] = std::to_string(*page.next);

@@ -37,6 +37,8 @@ json example_job(proto::JobState state) {
   job.version = 7;
   job.scene_sha256 = kExampleDigest;
   job.scene_bytes = 2'524;
+  job.result_key = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08";
+  if (state == proto::JobState::kQueued) job.queue_position = 1;
   job.priority = 10;
   job.labels = {{"level", "yard"}};
   job.created_at = "2026-11-22T10:30:00.000Z";

@@ -21,6 +21,14 @@ json integer(std::int64_t minimum = 0) {
   return {{"type", "integer"}, {"minimum", minimum}};
 }
 
+json integer(std::int64_t minimum, const char* description) {
+  return {{"type", "integer"}, {"minimum", minimum}, {"description", description}};
+}
+
+json digest(const char* description) {
+  return {{"type", "string"}, {"pattern", "^[0-9a-f]{64}$"}, {"description", description}};
+}
+
 json nullable(json schema) {
   schema["type"] = {schema["type"], "null"};
   return schema;
@@ -165,6 +173,11 @@ json job() {
                  {"version", integer(1)},
                  {"scene", closed({{"sha256", {{"type", "string"}}}, {"bytes", integer()}})},
                  {"settings", ref("Settings")},
+                 {"settings_hash", digest("of the settings, defaults included")},
+                 {"result_key", nullable(digest("of scene, settings, version and instruction set: "
+                                                "jobs with the same key have the same pixels"))},
+                 {"queue_position",
+                  nullable(integer(1, "of a job that waits, by priority and age; 1: the next"))},
                  {"tenant", nullable(text("null on a service without tokens"))},
                  {"priority", priority()},
                  {"labels", labels()},

@@ -1,5 +1,6 @@
 #include "server/jobs/job_queue.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace kiln::server {
@@ -16,8 +17,22 @@ void JobQueue::less(Counts& counts, const std::string& tenant) {
 
 void JobQueue::insert(const Entry& entry) {
   if (!levels_[entry.priority][entry.tenant].emplace(entry.sequence, entry.bytes).second) return;
+  auto& ages = ages_[entry.priority];
+  ages.insert(std::ranges::lower_bound(ages, entry.sequence), entry.sequence);
   ++size_;
   ++waiting_[entry.tenant];
+}
+
+std::size_t JobQueue::position(const Entry& entry) const {
+  if (!contains(entry)) return 0;
+  std::size_t before = 0;
+  for (const auto& [priority, ages] : ages_) {
+    if (priority == entry.priority)
+      return before + std::size_t(std::ranges::lower_bound(ages, entry.sequence) - ages.begin()) +
+             1;
+    before += ages.size();
+  }
+  return 0;
 }
 
 bool JobQueue::contains(const Entry& entry) const {
@@ -34,6 +49,9 @@ bool JobQueue::erase(const Entry& entry) {
   jobs->second.erase(entry.sequence);
   if (jobs->second.empty()) level->second.erase(jobs);
   if (level->second.empty()) levels_.erase(level);
+  const auto ages = ages_.find(entry.priority);
+  ages->second.erase(std::ranges::lower_bound(ages->second, entry.sequence));
+  if (ages->second.empty()) ages_.erase(ages);
   --size_;
   less(waiting_, entry.tenant);
   return true;

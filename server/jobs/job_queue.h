@@ -4,6 +4,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace kiln::server {
 
@@ -22,6 +23,9 @@ class JobQueue {
   void insert(const Entry&);
   bool erase(const Entry&);  ///< whether it was there
   bool contains(const Entry&) const;
+  /// How many come before it by priority and age, plus one; 0: it does not wait. Fair share between
+  /// tenants may let others pass.
+  std::size_t position(const Entry&) const;
 
   /// Takes the next job out and counts it as running. Tenants with `max_running` running jobs wait;
   /// 0: no limit. A job that needs more than `free_bytes` waits, and all behind it with it: would
@@ -39,9 +43,10 @@ class JobQueue {
   static std::size_t count(const Counts&, const std::string&);
   static void less(Counts&, const std::string&);
 
-  using Jobs = std::map<std::int64_t, std::uint64_t>;     ///< bytes by sequence
-  using Level = std::map<std::string, Jobs>;              ///< by tenant
-  std::map<std::int64_t, Level, std::greater<>> levels_;  ///< by priority
+  using Jobs = std::map<std::int64_t, std::uint64_t>;                       ///< bytes by sequence
+  using Level = std::map<std::string, Jobs>;                                ///< by tenant
+  std::map<std::int64_t, Level, std::greater<>> levels_;                    ///< by priority
+  std::map<std::int64_t, std::vector<std::int64_t>, std::greater<>> ages_;  ///< sorted sequences
   std::size_t size_ = 0, running_total_ = 0;
   Counts waiting_, running_;
 };

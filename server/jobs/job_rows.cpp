@@ -65,7 +65,7 @@ StoredJob read_job_row(const Statement& row) {
   job.progress.fraction = row.real(19);
   read_error(row.text(20), job);
   read_settings(row.text(9), job);
-  stored.bake_key = row.text(21);
+  stored.bake_key = job.result_key = row.text(21);
   read_labels(row.text(22), job);
   job.ttl_seconds = static_cast<std::uint64_t>(row.number(23));
   job.expires_at = row.text(24);

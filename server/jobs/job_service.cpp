@@ -159,6 +159,14 @@ proto::Expected<proto::Job> JobService::get(const std::string& id) const {
   return no_such_job(id);
 }
 
+std::size_t JobService::queue_position(const std::string& id) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = live_.find(id);
+  if (found == live_.end()) return 0;
+  const std::lock_guard job_lock(found->second->mutex);
+  return queue_.position(queue_entry(found->second->stored));
+}
+
 bool JobService::has_moved(const std::string& id, std::optional<std::uint64_t> since) const {
   const auto found = live_.find(id);
   if (found == live_.end()) return true;

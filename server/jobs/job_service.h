@@ -111,6 +111,9 @@ class JobService {
   proto::Expected<proto::Job> wait(const std::string& id, std::chrono::milliseconds,
                                    std::optional<std::uint64_t> since = {}) const;
 
+  /// Whose turn it is when, see JobQueue::position(); 0: it does not wait, or there is no such job.
+  std::size_t queue_position(const std::string& id) const;
+
   struct Page {
     std::vector<proto::Job> jobs;
     std::optional<std::int64_t> next;  ///< `before` of the next page

@@ -36,7 +36,7 @@ StoredJob new_job(const Submission& s, const JobLimits& limits) {
   job.webhook = s.options.webhook;
   job.ttl_seconds = s.options.ttl_seconds.value_or(limits.ttl_seconds);
   job.created_at = now_rfc3339();
-  stored.bake_key = baker::bake_key(s.scene.key, s.settings);
+  stored.bake_key = job.result_key = baker::bake_key(s.scene.key, s.settings);
   return stored;
 }
 

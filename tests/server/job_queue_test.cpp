@@ -60,6 +60,23 @@ TEST(JobQueue, WhatFindsNoMemoryIsNotPassed) {
   EXPECT_EQ(queue.take(0, 10)->bytes, 10u);
 }
 
+TEST(JobQueue, KnowsPlacesByPriorityAndAge) {
+  JobQueue queue;
+  const JobQueue::Entry first{"a", 0, 1}, second{"b", 0, 2}, late{"a", 5, 3}, none{"a", 0, 4};
+  for (const auto& entry : {second, first, late}) queue.insert(entry);
+  EXPECT_EQ(queue.position(late), 1u);
+  EXPECT_EQ(queue.position(first), 2u);
+  EXPECT_EQ(queue.position(second), 3u);
+  EXPECT_EQ(queue.position(none), 0u);
+  queue.insert(first);  // is there already
+  EXPECT_EQ(queue.position(second), 3u);
+  EXPECT_EQ(queue.take(0)->sequence, 3);
+  EXPECT_EQ(queue.position(late), 0u);
+  EXPECT_EQ(queue.position(second), 2u);
+  queue.erase(first);
+  EXPECT_EQ(queue.position(second), 1u);
+}
+
 TEST(JobQueue, ForgetsWhatIsErased) {
   JobQueue queue;
   queue.insert({"a", 1, 1});
