@@ -208,6 +208,87 @@ Work work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
   return work;
 }
 
+/// Tells of a solve while it runs, and keeps its passes.
+class SolveTeller {
+ public:
+  SolveTeller(const BakeInput& input, Solver& solver, std::shared_ptr<const TextureGroup> texels,
+              const SolveStart& start, CheckpointWriter& writer, BakeObserver& observer,
+              Course& course)
+      : input_(input),
+        solver_(solver),
+        texels_(std::move(texels)),
+        writer_(writer),
+        observer_(observer),
+        course_(course),
+        passes_(start.passes),
+        pace_(work_of(solver, start.passes)) {
+    for (const auto& p : passes_)
+      if (p.residual > 0) residual_ = p.residual;
+    if (passes_.empty()) return;
+    observer_.on_resume(std::uint32_t(passes_.size()));
+    observer_.on_snapshot({texels_, start.light, passes_.back().index});
+  }
+
+  /// Of use as long as this.
+  SolveHooks hooks() {
+    SolveHooks hooks;
+    hooks.enough = input_.enough;
+    hooks.part_time = input_.part_time;
+    hooks.on_batch = [this](const Pass& pass, std::uint32_t done, std::uint32_t total) {
+      on_batch(pass, done, total);
+    };
+    hooks.on_pass = [this](const Pass& pass, const proto::PassReport& report,
+                           std::shared_ptr<const Lightmap> light) -> Expected<void> {
+      on_pass(pass, report, std::move(light));
+      return {};
+    };
+    hooks.before_pass = [this](const Pass& pass) { writer_.before(pass); };
+    hooks.on_part = [this](const Pass& pass, std::shared_ptr<const Lightmap> before,
+                           std::shared_ptr<const Lightmap> after, const PassProgress& progress) {
+      writer_.offer_part(pass, std::move(before), std::move(after), progress, solver_.state());
+    };
+    hooks.before_finish = [this] { writer_.release_part(); };
+    hooks.restore = [this](const Pass& pass, const Lightmap& before, Lightmap& after) {
+      return restore(pass, before, after);
+    };
+    return hooks;
+  }
+
+ private:
+  void on_batch(const Pass& pass, std::uint32_t done, std::uint32_t total) {
+    const Pace::Ahead ahead =
+        pace_.ahead(pass, double(done) / total, solver_.total_work() + Work::other(work::kOutput));
+    course_.batch(pass, done, total, solver_.max_passes(), residual_,
+                  kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done, ahead.seconds_left);
+  }
+  void on_pass(const Pass& pass, const proto::PassReport& report,
+               std::shared_ptr<const Lightmap> light) {
+    pace_.end_pass(pass);
+    if (report.residual > 0) residual_ = report.residual;  // tracing alone changes no light
+    passes_.push_back(report);
+    observer_.on_snapshot({texels_, light, report.index});
+    writer_.offer(pass, passes_, std::move(light), solver_.state());
+  }
+  PassProgress restore(const Pass& pass, const Lightmap& before, Lightmap& after) {
+    const PassProgress done = writer_.restore(pass, before, after, solver_.state());
+    if (done.texels == 0) return done;
+    const double share = double(done.texels) / texels_->size();
+    pace_.resume_within(share);
+    observer_.on_resume_within(pass.name, share);
+    return done;
+  }
+
+  const BakeInput& input_;
+  Solver& solver_;
+  const std::shared_ptr<const TextureGroup> texels_;
+  CheckpointWriter& writer_;
+  BakeObserver& observer_;
+  Course& course_;
+  std::vector<proto::PassReport> passes_;
+  double residual_ = 1;
+  Pace pace_;
+};
+
 /// The solve stage: passes with checkpoints and snapshots.
 Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
                                 const std::shared_ptr<const TextureGroup>& texels,
@@ -229,48 +310,8 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   SolveStart start = checkpoints.find(*solver, texels->size());
   CheckpointWriter& writer = checkpoints.writer();
   const StateReader reader(writer);
-  std::vector<proto::PassReport> passes = start.passes;
-  double residual = 1;
-  for (const auto& p : passes)
-    if (p.residual > 0) residual = p.residual;
-  if (!passes.empty()) {
-    observer.on_resume(std::uint32_t(passes.size()));
-    observer.on_snapshot({texels, start.light, passes.back().index});
-  }
-  Pace pace(work_of(*solver, passes));
-  SolveHooks hooks;
-  hooks.enough = input.enough;
-  hooks.on_batch = [&](const Pass& pass, std::uint32_t done, std::uint32_t total) {
-    const Pace::Ahead ahead =
-        pace.ahead(pass, double(done) / total, solver->total_work() + Work::other(work::kOutput));
-    course.batch(pass, done, total, solver->max_passes(), residual,
-                 kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done, ahead.seconds_left);
-  };
-  hooks.on_pass = [&](const Pass& pass, const proto::PassReport& report,
-                      std::shared_ptr<const Lightmap> light) -> Expected<void> {
-    pace.end_pass(pass);
-    if (report.residual > 0) residual = report.residual;  // tracing alone changes no light
-    passes.push_back(report);
-    observer.on_snapshot({texels, light, report.index});
-    writer.offer(pass, passes, std::move(light), solver->state());
-    return {};
-  };
-  hooks.before_pass = [&](const Pass& pass) { writer.before(pass); };
-  hooks.part_time = input.part_time;
-  hooks.on_part = [&](const Pass& pass, std::shared_ptr<const Lightmap> before,
-                      std::shared_ptr<const Lightmap> after, const PassProgress& progress) {
-    writer.offer_part(pass, std::move(before), std::move(after), progress, solver->state());
-  };
-  hooks.before_finish = [&] { writer.release_part(); };
-  hooks.restore = [&](const Pass& pass, const Lightmap& before, Lightmap& after) {
-    const PassProgress done = writer.restore(pass, before, after, solver->state());
-    if (done.texels == 0) return done;
-    const double share = double(done.texels) / texels->size();
-    pace.resume_within(share);
-    observer.on_resume_within(pass.name, share);
-    return done;
-  };
-  auto solution = solve(*solver, *texels, pool, stop, hooks, std::move(start));
+  SolveTeller teller(input, *solver, texels, start, writer, observer, course);
+  auto solution = solve(*solver, *texels, pool, stop, teller.hooks(), std::move(start));
   writer.hurry();  // while the files are written
   return solution;
 }

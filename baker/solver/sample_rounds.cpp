@@ -36,6 +36,28 @@ float percentile_95(std::vector<float>& values) {
   return *at;
 }
 
+double square(double x) {
+  return x * x;
+}
+
+/// Means over a tile: luminance, and the variances that the halves tell.
+struct Scatter {
+  double light = 0, direct = 0, gathered = 0;
+};
+/// @param all_bounces factor on the indirect light
+Scatter scatter_of(const Lightmap& light, TexelRange tile, double all_bounces) {
+  Scatter s;
+  for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    s.light += double(luminance(light.direct[t] + light.sky[t])) +
+               all_bounces * double(luminance(light.indirect[t]));
+    s.direct += square(double(light.direct_spread[t]));
+    s.gathered +=
+        square(double(light.sky_spread[t]) + all_bounces * double(light.indirect_spread[t]));
+  }
+  const double n = tile.size();
+  return {s.light / n, s.direct / n, s.gathered / n};
+}
+
 }  // namespace
 
 SampleRounds::SampleRounds(const SolverInput& in, std::uint32_t directions)
@@ -214,6 +236,7 @@ void SampleRounds::guess(const Lightmap& light, Known known) {
   const bool bounces = in_.settings.bounces > 0;
   const double unknown = known == Known::kFirstBounce || !bounces ? 0 : kIndirect,
                all_bounces = known == Known::kFirstBounce ? kAllBounces : 1;
+  const double gather_error = kGatherError * std::pow(64.0 / in_.plan.directions, 0.7);
   double mean = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t)
     mean += double(luminance(light.direct[t] + light.sky[t])) / light.size();
@@ -221,22 +244,12 @@ void SampleRounds::guess(const Lightmap& light, Known known) {
   double above = 0;
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
-    const double n = tile.size(), share = n / light.size();
-    double e = unknown * mean, direct = 0, gathered = 0;
-    for (std::uint32_t i = tile.begin; i < tile.end; ++i) {
-      const double indirect = all_bounces * double(luminance(light.indirect[i]));
-      e += (double(luminance(light.direct[i] + light.sky[i])) + indirect) / n;
-      direct += left_direct * std::pow(double(light.direct_spread[i]), 2) / n;
-      gathered +=
-          left_gathered / n *
-          std::pow(double(light.sky_spread[i]) + all_bounces * double(light.indirect_spread[i]), 2);
-    }
-    if (unknown > 0)
-      gathered +=
-          left_gathered *
-          std::pow(kGatherError * std::pow(64.0 / in_.plan.directions, 0.7) * unknown * mean, 2);
-    const double scale = e + double(kDarkShare) * mean;
+    const double share = double(tile.size()) / light.size();
+    const Scatter s = scatter_of(light, tile, all_bounces);
+    const double scale = s.light + (unknown + double(kDarkShare)) * mean;
     if (!(scale > 0)) continue;
+    const double direct = left_direct * s.direct,
+                 gathered = left_gathered * (s.gathered + square(gather_error * unknown * mean));
     const double over =
         kAboveMean * std::sqrt(direct + gathered) / (scale * double(in_.plan.target_error));
     if (over > 1) above += share;

@@ -126,6 +126,35 @@ class PassRun {
   const Clock::time_point start_;
 };
 
+/// Nothing when stopped.
+proto::Expected<std::optional<proto::PassReport>> run_pass(
+    Solver& solver, const Pass& pass, const TextureGroup& texels,
+    const std::shared_ptr<const Lightmap>& before, const std::shared_ptr<Lightmap>& after,
+    const Workers& workers, const SolveHooks& hooks) {
+  if (hooks.before_pass) hooks.before_pass(pass);
+  const auto start = Clock::now();
+  bool whole = solver.begin(pass, *before, *after, workers);
+  PassProgress restored;
+  if (whole && hooks.restore) restored = hooks.restore(pass, *before, *after);
+  PassRun run{solver, pass, before, after, workers, hooks, restored, start};
+  whole = whole && run.all_batches();
+  if (hooks.before_finish) hooks.before_finish();
+  proto::PassReport report;
+  whole = whole && solver.finish(pass, *after, workers, report);
+  const auto change = whole ? measure(texels, *before, *after, workers) : std::nullopt;
+  if (!change) return std::optional<proto::PassReport>{};
+  if (!change->finite)
+    return proto::fail("internal",
+                       "The light of a texel is not finite after pass '" + pass.name + "'.");
+  report.name = pass.name;
+  report.index = pass.index;
+  report.residual = change->residual;
+  report.mean_lx = change->mean_lx;
+  report.rays = run.rays();
+  report.seconds = run.seconds();
+  return std::optional(report);
+}
+
 }  // namespace
 
 std::unique_ptr<Solver> make_solver(const SolverInput& in) {
@@ -156,30 +185,12 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   const Workers workers{pool, either.get_token()};
   while (const auto pass = solver.next(solution.passes)) {
     if (enough()) break;
-    if (hooks.before_pass) hooks.before_pass(*pass);
-    const auto start = Clock::now();
     auto after = std::make_shared<Lightmap>(*before);
-    bool whole = solver.begin(*pass, *before, *after, workers);
-    PassProgress restored;
-    if (whole && hooks.restore) restored = hooks.restore(*pass, *before, *after);
-    PassRun run{solver, *pass, before, after, workers, hooks, restored, start};
-    whole = whole && run.all_batches();
-    if (hooks.before_finish) hooks.before_finish();
-    proto::PassReport report;
-    whole = whole && solver.finish(*pass, *after, workers, report);
-    const auto change = whole ? measure(texels, *before, *after, workers) : std::nullopt;
-    if (!change && enough()) break;
-    if (!change) return proto::fail(proto::kCanceledCode, "The job was canceled.");
-
-    if (!change->finite)
-      return proto::fail("internal",
-                         "The light of a texel is not finite after pass '" + pass->name + "'.");
-    report.name = pass->name;
-    report.index = pass->index;
-    report.residual = change->residual;
-    report.mean_lx = change->mean_lx;
-    report.rays = run.rays();
-    report.seconds = run.seconds();
+    const auto ran = run_pass(solver, *pass, texels, before, after, workers, hooks);
+    if (!ran) return proto::Unexpected(ran.error());
+    if (!*ran && enough()) break;
+    if (!*ran) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+    const proto::PassReport& report = **ran;
     solution.passes.push_back(report);
     if (hooks.on_pass)
       if (auto ok = hooks.on_pass(*pass, report, after); !ok) return proto::Unexpected(ok.error());
