@@ -1,7 +1,6 @@
 #include "baker/solver/direct.h"
 
 #include <array>
-#include <limits>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -17,8 +16,6 @@ constexpr std::uint32_t kTileTexels = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at each of its points.
 constexpr float kNearRadii = 4;
-/// Tells the random numbers of the sky's rays from those of the lights'.
-constexpr std::uint32_t kSky = 0x736b79;
 
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
@@ -94,30 +91,47 @@ class ShareWalk {
   double below_ = 0;  // summed shares of the lights before light_
 };
 
+/// From which point of the footprint each of `count` samples is taken, and by which point of the
+/// sequence, of which `first` were used before.
+class SampleOrder {
+ public:
+  SampleOrder(std::uint32_t first, std::uint32_t count, std::uint32_t seed)
+      : first_(first), second_half_((count + 1) / 2), point_flip_(hash(seed, 2)) {}
+
+  /// Runs of four and strides of four both spread over the footprint: neither the part of a light
+  /// nor the stratum of the net that a run makes goes with one point alone.
+  std::uint32_t footprint_point(std::uint32_t k) const {
+    return (k >> 2 ^ k ^ point_flip_) % Footprint::kPoints;
+  }
+  /// Every second sample is a systematic sample by itself; so are both halves of the sequence.
+  std::uint32_t sequence_point(std::uint32_t k) const {
+    return first_ + (k & 1 ? second_half_ : 0) + k / 2;
+  }
+
+ private:
+  std::uint32_t first_, second_half_, point_flip_;
+};
+
 /// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
 /// Unbiased. `first` samples were drawn before.
 template <class Walk>
 Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std::uint32_t first,
                        std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1, first));
-  const std::uint32_t point_flip = hash(seed, 2);
+  const SampleOrder order(first, count, seed);
   // The light that was picked last, as the points see it.
   std::array<std::optional<SampledLight>, Footprint::kPoints> seen;
   std::uint32_t seen_light = ~0u;
   for (std::uint32_t k = 0; k < count; ++k) {
     const LightChoice::Pick pick = walk.at((double(k) + double(start)) / double(count));
     if (!(pick.probability > 0)) continue;
-    // Runs of four and strides of four both spread over the footprint: neither the part of a light
-    // nor the stratum of the net that a run makes goes with one point alone.
-    const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
-    // Every second draw is a systematic sample by itself; so are both halves of the sequence.
-    const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
+    const std::uint32_t i = order.footprint_point(k);
     if (pick.light != seen_light)
       for (auto& from_point : seen) from_point.reset();
     seen_light = pick.light;
     if (!seen[i])
       seen[i].emplace(in.lights.seen_from(at.position[i], in.lights.area()[pick.light]));
-    const LightSample s = seen[i]->sample(scrambled(sobol(point), seed));
+    const LightSample s = seen[i]->sample(scrambled(sobol(order.sequence_point(k)), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * pick.probability));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);
@@ -136,16 +150,15 @@ struct Receiver {
 Estimate bright_sky(const SolverInput& in, const Footprint& at, std::uint32_t first,
                     std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const SkyShares shares = sky_shares(in.plan);
-  const std::uint32_t point_flip = hash(seed, 2);
+  const SampleOrder order(first, count, seed);
   for (std::uint32_t k = 0; k < count; ++k) {
-    const std::uint32_t i = (k >> 2 ^ k ^ point_flip) % Footprint::kPoints;
-    const std::uint32_t point = first + (k & 1 ? (count + 1) / 2 : 0) + k / 2;
-    const SkyLight::Sample s = in.lights.sky()->sample(scrambled(sobol(point), seed));
+    const std::uint32_t i = order.footprint_point(k);
+    const SkyLight::Sample s =
+        in.lights.sky()->sample(scrambled(sobol(order.sequence_point(k)), seed));
     const float cosine = receiver_cosine(at, i, s.direction);
     const float weight = shares.of_bright(s.seen.density, cosine);
     const Rgb value = s.seen.radiance * (cosine * weight / float(count));
-    const ShadowRay ray{s.direction, std::numeric_limits<float>::infinity()};
-    if (!is_black(value)) shadows.add(at.origin[i], ray, value, k & 1);
+    if (!is_black(value)) shadows.add(at.origin[i], ShadowRay::endless(s.direction), value, k & 1);
   }
   return shadows.take_estimate();
 }
@@ -311,7 +324,7 @@ std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelR
     for (const Receiver& r : tile) {
       Estimate& e = arrived[r.texel - begin];
       if (in.lights.has_bright_sky())
-        e += bright_sky(in, r.at, first, count, hash(r.seed, kSky), shadows);
+        e += bright_sky(in, r.at, first, count, hash(r.seed, kSkyDraws), shadows);
       put(r.texel, e);
     }
   }

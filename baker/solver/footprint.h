@@ -22,5 +22,7 @@ struct Footprint {
 /// Key of all random numbers of one texel (or tile, for kGatherTile), for one purpose.
 enum class Purpose : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
 std::uint32_t texel_seed(const SolverInput&, std::uint32_t texel, Purpose);
+/// Hashed with such a seed: for the directions that are drawn from the bright parts of the sky.
+inline constexpr std::uint32_t kSkyDraws = 0x736b79;
 
 }  // namespace kiln::baker

@@ -1,7 +1,5 @@
 #include "baker/solver/light_set.h"
 
-#include <limits>
-
 #include "baker/solver/sampling.h"
 
 namespace kiln::baker {
@@ -96,7 +94,7 @@ Rgb SampledLight::radiance_at(Vec3 point) const {
 }
 
 ShadowRay PunctualArrival::shadow_ray(Vec3 origin) const {
-  if (!position) return {direction, std::numeric_limits<float>::infinity()};
+  if (!position) return ShadowRay::endless(direction);
   // A lamp that hangs right at a ceiling is not shadowed by it.
   constexpr float kReach = 1 - 1e-4f;
   return {*position - origin, kReach};

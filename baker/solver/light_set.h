@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -17,6 +18,10 @@ namespace kiln::baker {
 struct ShadowRay {
   Vec3 direction;  ///< of any length
   float far = 1;
+
+  static ShadowRay endless(Vec3 direction) {
+    return {direction, std::numeric_limits<float>::infinity()};
+  }
 };
 
 /// A sampled point of an area light, seen from the receiver.

@@ -19,9 +19,6 @@ constexpr std::uint32_t kBlockSamples = 16;
 /// Pairs of random numbers that one path vertex uses.
 enum Dimension : std::uint32_t { kDirection, kAreaPoint, kChoice, kDimensions };
 
-/// Tells the random numbers of the sky from those.
-constexpr std::uint32_t kSky = 0x736b79;
-
 /// A vertex of a path that is still on its way.
 struct Vertex {
   Vec3 origin, position, geometric_normal, shading_normal;
@@ -32,14 +29,6 @@ struct Vertex {
   bool in_second_half() const { return (sample & 8) != 0; }
 };
 
-/// A direction of the sky.
-struct SkyArrival {
-  Vec3 direction;
-
-  ShadowRay shadow_ray(Vec3 /*origin*/) const {
-    return {direction, std::numeric_limits<float>::infinity()};
-  }
-};
 /// Each vertex draws one direction in either way.
 const SkyShares kShares{1, 1};
 
@@ -96,16 +85,15 @@ class PathBundle {
     waiting_ = 0;
   }
 
-  /// @param light LightSample or PunctualArrival
-  template <class Light>
-  void add_shadow_ray(const Vertex& v, const Light& light, Rgb irradiance) {
-    if (dot(v.geometric_normal, light.direction) <= 0) return;
-    const float cosine = std::max(0.f, dot(v.shading_normal, light.direction));
+  /// @param to_light   unit
+  /// @param irradiance at normal incidence, where nothing is in the ray's way
+  void add_shadow_ray(const Vertex& v, Vec3 to_light, const ShadowRay& ray, Rgb irradiance) {
+    if (dot(v.geometric_normal, to_light) <= 0) return;
+    const float cosine = std::max(0.f, dot(v.shading_normal, to_light));
     const Rgb value = v.throughput * irradiance * cosine;
     if (is_black(value)) return;
     value_[waiting_] = value;
     second_[waiting_] = v.in_second_half();
-    const ShadowRay ray = light.shadow_ray(v.origin);
     packet_.set(waiting_++, v.origin, ray.direction, ray.far);
   }
 
@@ -120,7 +108,7 @@ class PathBundle {
       if (!(share[l] > 0)) continue;
       const LightSample s =
           in_.lights.seen_from(v.position, lights[l]).sample(random(v, bounce, kAreaPoint));
-      add_shadow_ray(v, s, s.value * (1 / share[l]));
+      add_shadow_ray(v, s.direction, s.shadow_ray(v.origin), s.value * (1 / share[l]));
     }
     trace_shadows(sum);
   }
@@ -132,7 +120,7 @@ class PathBundle {
       const float u = random(v, bounce, kChoice).y;
       const auto l = std::min(lights.size() - 1, std::size_t(u * float(lights.size())));
       const PunctualArrival a = arrive(lights[l], v.position);
-      add_shadow_ray(v, a, a.irradiance * float(lights.size()));
+      add_shadow_ray(v, a.direction, a.shadow_ray(v.origin), a.irradiance * float(lights.size()));
     }
     trace_shadows(sum);
   }
@@ -140,13 +128,13 @@ class PathBundle {
   /// The bright parts of a sky map; extend() counts what this leaves of it.
   void add_bright_sky(std::uint32_t bounce, Halves& sum) {
     if (!in_.lights.has_bright_sky()) return;
-    const std::uint32_t seed = hash(seed_, kSky, bounce);
+    const std::uint32_t seed = hash(seed_, kSkyDraws, bounce);
     for (const Vertex& v : alive_) {
       const SkyLight::Sample s = in_.lights.sky()->sample(sample_pair(v.sample, seed));
       const float cosine = dot(v.shading_normal, s.direction);
       if (cosine <= 0) continue;
-      const SkyArrival arrival{s.direction};
-      add_shadow_ray(v, arrival, s.seen.radiance * kShares.of_bright(s.seen.density, cosine));
+      add_shadow_ray(v, s.direction, ShadowRay::endless(s.direction),
+                     s.seen.radiance * kShares.of_bright(s.seen.density, cosine));
     }
     trace_shadows(sum);
   }
