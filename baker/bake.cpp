@@ -347,7 +347,7 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   const auto source = source_of(input);
   auto scene = source->import(stop);
   if (!scene) return Unexpected(scene.error());
-  if (auto ok = apply_settings(*scene, input.settings); !ok) return Unexpected(ok.error());
+  if (auto ok = apply_settings(*scene, input.settings, stop); !ok) return Unexpected(ok.error());
   manifest.warnings = scene->warnings;
   for (const auto& w : scene->warnings) observer.on_warning(w);
   count_scene(*scene, manifest.statistics);
@@ -366,7 +366,9 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
 
   course.enter("solve", kSolvingFrom);
   Checkpoints checkpoints(input, pool.size(), stop, observer);
-  const LightSet lights(*scene);
+  const Workers workers{pool, stop};
+  const LightSet lights(*scene, &workers);
+  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
   const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
                                      course, checkpoints);
   if (!solution) return Unexpected(solution.error());

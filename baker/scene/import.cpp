@@ -279,7 +279,7 @@ Expected<void> check_scene(const SceneFiles& files, const proto::BakeSettings& s
     lights.sky_map = {2, 1, {{1, 1, 1}, {1, 1, 1}}};  // what it shows is not known yet
   }
   if (auto added = add_punctual_lights(lights, document, placed, limits); !added) return added;
-  if (auto added = add_settings_lights(lights, settings); !added) return added;
+  if (auto added = add_settings_lights(lights, settings, stop); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;
   return find_images(document, import.materials.materials());
 }
@@ -308,8 +308,9 @@ Expected<Scene> import_files(const SceneFiles& files, const ImportLimits& limits
   return scene;
 }
 
-Expected<void> apply_settings(Scene& scene, const proto::BakeSettings& settings) {
-  if (auto added = add_settings_lights(scene, settings); !added) return added;
+Expected<void> apply_settings(Scene& scene, const proto::BakeSettings& settings,
+                              std::stop_token stop) {
+  if (auto added = add_settings_lights(scene, settings, stop); !added) return added;
   const bool emissive = std::any_of(scene.parts.begin(), scene.parts.end(), [&](const Part& part) {
     return !is_black(scene.materials[part.material].emission);
   });
@@ -322,7 +323,8 @@ Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings&
   with_sky.sky_map = settings.sky.map;
   auto scene = import_files(with_sky, limits, stop);
   if (!scene) return scene;
-  if (auto applied = apply_settings(*scene, settings); !applied) return Unexpected(applied.error());
+  if (auto applied = apply_settings(*scene, settings, stop); !applied)
+    return Unexpected(applied.error());
   return scene;
 }
 

@@ -62,8 +62,8 @@ proto::Expected<Scene> import_files(const SceneFiles&, const ImportLimits& = {},
 
 /// Adds the lights and the sky of the settings to an imported scene. A sky map that gives no light
 /// is dropped. Errors: `invalid_settings`, `no_light`; `missing_file` when the settings name a sky
-/// map and the import had none.
-proto::Expected<void> apply_settings(Scene&, const proto::BakeSettings&);
+/// map and the import had none; `canceled`.
+proto::Expected<void> apply_settings(Scene&, const proto::BakeSettings&, std::stop_token = {});
 
 /// Both of them: the scene that is baked.
 proto::Expected<Scene> import_scene(const SceneFiles&, const proto::BakeSettings&,

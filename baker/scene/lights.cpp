@@ -102,7 +102,18 @@ PunctualLight make_punctual(const proto::LightSettings& light, Vec3 direction, R
 /// Brightest pixel that a sky may have, cd/m2: far above the sun's, and its square is a number.
 constexpr float kMaxSkyRadiance = 1e15f;
 
-Expected<void> add_sky(Scene& scene, const proto::SkySettings& sky) {
+/// Negative when stopped.
+float brightest_of(const SkyMap& map, const std::stop_token& stop) {
+  float brightest = 0;
+  for (std::size_t row = 0; row < map.texels.size(); row += map.width) {
+    if (stop.stop_requested()) return -1;
+    for (std::size_t i = row; i < row + map.width; ++i)
+      brightest = std::max(brightest, max_channel(map.texels[i]));
+  }
+  return brightest;
+}
+
+Expected<void> add_sky(Scene& scene, const proto::SkySettings& sky, const std::stop_token& stop) {
   scene.sky = {sky.radiance[0], sky.radiance[1], sky.radiance[2]};
   if (!sky.map) {
     scene.sky_map = {};
@@ -114,8 +125,8 @@ Expected<void> add_sky(Scene& scene, const proto::SkySettings& sky) {
                        "/sky/map");
   map.scale = sky.scale;
   map.rotation = sky.rotation * (kPi / 180);
-  float brightest = 0;
-  for (const Rgb c : map.texels) brightest = std::max(brightest, max_channel(c));
+  const float brightest = brightest_of(map, stop);
+  if (brightest < 0) return canceled();
   if (!(brightest * sky.scale <= kMaxSkyRadiance))
     return bad_setting("makes the sky map brighter than 1e15 cd/m2", "/sky/scale");
   if (!(brightest * sky.scale > 0)) map = {};
@@ -165,8 +176,9 @@ Expected<void> add_punctual_lights(Scene& scene, Document& document,
   return {};
 }
 
-Expected<void> add_settings_lights(Scene& scene, const proto::BakeSettings& settings) {
-  if (auto added = add_sky(scene, settings.sky); !added) return added;
+Expected<void> add_settings_lights(Scene& scene, const proto::BakeSettings& settings,
+                                   const std::stop_token& stop) {
+  if (auto added = add_sky(scene, settings.sky, stop); !added) return added;
   for (std::size_t i = 0; i < settings.lights.size(); ++i) {
     const proto::LightSettings& light = settings.lights[i];
     if (auto fine = check_light(light, pointer_to("/lights", i)); !fine) return fine;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <stop_token>
 #include <vector>
 
 #include "baker/scene/gltf_document.h"
@@ -15,10 +16,11 @@ proto::Expected<void> add_punctual_lights(Scene&, Document&, const std::vector<P
                                           const ImportLimits&);
 
 /// Adds the sky and the lights of the settings; a sky map that gives no light is dropped. A
-/// rectangle is centred on its position; its width
-/// runs along the horizontal (along +X where it faces straight up or down). Errors:
-/// `invalid_settings`: a light without a direction, or with an empty cone or area.
-proto::Expected<void> add_settings_lights(Scene&, const proto::BakeSettings&);
+/// rectangle is centred on its position; its width runs along the horizontal (along +X where it
+/// faces straight up or down). Errors: `invalid_settings`: a light without a direction, or with an
+/// empty cone or area; `missing_file`: the sky map was not imported; `canceled`.
+proto::Expected<void> add_settings_lights(Scene&, const proto::BakeSettings&,
+                                          const std::stop_token&);
 
 /// `no_light` unless something emits. `emissive` tells whether a triangle with an emissive material
 /// was found.

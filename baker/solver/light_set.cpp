@@ -25,12 +25,12 @@ std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
 
 }  // namespace
 
-LightSet::LightSet(const Scene& scene)
+LightSet::LightSet(const Scene& scene, const Workers* workers)
     : scene_(scene),
       area_(find_area_lights(scene)),
       power_share_(power_shares(area_)),
       table_(area_, power_share_) {
-  if (!scene.sky_map.empty()) sky_.emplace(scene);
+  if (!scene.sky_map.empty()) sky_.emplace(scene, workers);
 }
 
 bool LightSet::is_near(const AreaLight& l, Vec3 from, float ratio) {

@@ -65,7 +65,9 @@ class SampledLight {
 /// All light that is sampled explicitly. Immutable.
 class LightSet {
  public:
-  explicit LightSet(const Scene&);
+  /// With a large sky map it takes the workers, and ends early when they are stopped: it is of no
+  /// use then (see SkyLight).
+  explicit LightSet(const Scene&, const Workers* workers = nullptr);
 
   const std::vector<AreaLight>& area() const { return area_; }
   const std::vector<PunctualLight>& punctual() const { return scene_.lights; }

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
+#include <numeric>
 #include <span>
 
 namespace kiln::baker {
@@ -20,6 +22,26 @@ std::vector<double> edge_cosines(std::uint32_t rows) {
   return edges;
 }
 
+/// By the workers where there are any. False when stopped.
+bool for_runs(const Workers* workers, std::uint32_t count,
+              const std::function<void(std::uint32_t, std::uint32_t)>& use) {
+  constexpr std::uint32_t kRows = 4;
+  if (workers) return workers->for_runs(count, kRows, use);
+  use(0, count);
+  return true;
+}
+
+/// Fills with zeros up to `size`, which takes a while where that is 1 GiB. False when stopped.
+bool grow(std::vector<float>& values, std::size_t size, const Workers* workers) {
+  constexpr std::size_t kStep = std::size_t(1) << 22;
+  values.reserve(size);
+  while (values.size() < size) {
+    if (workers && workers->stop.stop_requested()) return false;
+    values.resize(std::min(size, values.size() + kStep));
+  }
+  return true;
+}
+
 /// The interval that holds `u`, by the ends of all, and where within it, [0, 1).
 struct Place {
   std::size_t index;
@@ -34,48 +56,51 @@ Place find(std::span<const float> ends, float u) {
 
 }  // namespace
 
-SkyLight::SkyLight(const Scene& scene)
+SkyLight::SkyLight(const Scene& scene, const Workers* workers)
     : uniform_(scene.sky), map_(scene.sky_map), edge_cosines_(edge_cosines(map_.height)) {
   const std::size_t width = map_.width;
-  // Calls `use(row, solid angle of each of its pixels)`.
+  // Calls `use(row, solid angle of each of its pixels)`; what it gives is summed in order.
+  std::vector<double> of_row(map_.height);
   const auto for_rows = [&](const auto& use) {
-    for (std::size_t y = 0; y < map_.height; ++y)
-      use(y, (edge_cosines_[y] - edge_cosines_[y + 1]) * 2 * std::numbers::pi / double(width));
+    return for_runs(workers, map_.height, [&](std::uint32_t begin, std::uint32_t end) {
+      for (std::size_t y = begin; y < end; ++y)
+        of_row[y] = use(
+            y, (edge_cosines_[y] - edge_cosines_[y + 1]) * 2 * std::numbers::pi / double(width));
+    });
   };
-  double power = 0;
-  for_rows([&](std::size_t y, double sr) {
+  const auto power_of_row = [&](std::size_t y, double sr) {
     double sum = 0;
     for (std::size_t x = 0; x < width; ++x) sum += double(luminance(map_.texels[y * width + x]));
-    power += sum * sr;
-  });
+    return sum * sr;
+  };
+  if (!for_rows(power_of_row)) return;
+  const double power = std::accumulate(of_row.begin(), of_row.end(), 0.0);
   const double sphere = 4 * std::numbers::pi;
   floor_ = float(power / sphere);
-  std::vector<double> rows;
-  pixel_ends_.resize(map_.texels.size());
-  double excess = 0;
-  for_rows([&](std::size_t y, double sr) {
-    double sum = 0;
-    const auto pixel = [&](std::size_t x) {
-      return double(std::max(0.f, luminance(map_.texels[y * width + x]) - floor_));
-    };
-    for (std::size_t x = 0; x < width; ++x) sum += pixel(x);
-    double below = 0;
-    for (std::size_t x = 0; x < width && sum > 0; ++x)
-      pixel_ends_[y * width + x] = float((below += pixel(x)) / sum);
-    rows.push_back(excess += sum * sr);
-  });
+  if (!grow(pixel_ends_, map_.texels.size(), workers)) return;
+  const auto excess_of_row = [&](std::size_t y, double sr) {
+    double sum = 0, below = 0;
+    const std::size_t begin = y * width, end = begin + width;
+    for (std::size_t i = begin; i < end; ++i) sum += double(excess(i));
+    for (std::size_t i = begin; i < end && sum > 0; ++i)
+      pixel_ends_[i] = float((below += double(excess(i))) / sum);
+    return sum * sr;
+  };
+  if (!for_rows(excess_of_row)) return;
+  std::partial_sum(of_row.begin(), of_row.end(), of_row.begin());
+  const double all = of_row.back();
   const double uniform = double(luminance(uniform_)) * sphere / double(map_.scale);
-  if (excess <= std::max(kLeastExcess, kWorthwhile * (power + uniform))) {
+  if (all <= std::max(kLeastExcess, kWorthwhile * (power + uniform))) {
     pixel_ends_ = {};
     return;
   }
-  per_excess_ = float(1 / excess);
-  for (const double end : rows) row_ends_.push_back(float(end / excess));
+  per_excess_ = float(1 / all);
+  for (const double end : of_row) row_ends_.push_back(float(end / all));
 }
 
 SkyLight::Seen SkyLight::seen(std::size_t pixel) const {
   const Rgb c = map_.texels[pixel];
-  return {uniform_ + c * map_.scale, per_excess_ * std::max(0.f, luminance(c) - floor_)};
+  return {uniform_ + c * map_.scale, per_excess_ * excess(pixel)};
 }
 
 SkyLight::Seen SkyLight::seen(Vec3 d) const {

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
+#include "baker/exec/workers.h"
 #include "baker/math/vec.h"
 #include "baker/scene/scene.h"
 
@@ -17,8 +19,11 @@ namespace kiln::baker {
 /// excess [Karlik et al., "MIS Compensation", SIGGRAPH Asia 2019]. Immutable.
 class SkyLight {
  public:
+  /// The table of a map of 2^28 pixels takes seconds: rows are summed by the workers (by the
+  /// calling thread where there are none), with the same result on any number of threads. When they
+  /// are stopped, this is of no use.
   /// @param scene has a sky map; outlives this
-  explicit SkyLight(const Scene& scene);
+  explicit SkyLight(const Scene& scene, const Workers* workers = nullptr);
 
   struct Seen {
     Rgb radiance;       ///< cd/m2, the uniform sky included
@@ -36,6 +41,10 @@ class SkyLight {
   Sample sample(Vec2 u) const;
 
  private:
+  /// The luminance above the floor.
+  float excess(std::size_t pixel) const {
+    return std::max(0.f, luminance(map_.texels[pixel]) - floor_);
+  }
   Seen seen(std::size_t pixel) const;
 
   const Rgb uniform_;

@@ -333,6 +333,11 @@ TEST(SkyMap, StopsOnRequest) {
   std::stop_source stop;
   stop.request_stop();
   EXPECT_EQ(import_scene(upload.files, with_map(), {}, stop.get_token()).error().code, "canceled");
+  auto scene = import_scene(upload.files, with_map());
+  ASSERT_TRUE(scene);
+  const auto applied = apply_settings(*scene, with_map(), stop.get_token());
+  ASSERT_FALSE(applied);
+  EXPECT_EQ(applied.error().code, "canceled");
 }
 
 }  // namespace

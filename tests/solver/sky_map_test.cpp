@@ -172,6 +172,33 @@ TEST(SkyLight, BothWaysTogetherAreFarBetterThanTheHemisphereAlone) {
                                 std::to_string(100 * alone_error / exact));
 }
 
+TEST(SkyLight, WorkersMakeTheSameTable) {
+  const Scene scene = sky_scene(61, [](Vec3 d) { return sunny(500)(d) + d.x * d.x; });
+  const SkyLight alone(scene);
+  for (const unsigned threads : {1u, 3u}) {
+    ThreadPool pool(threads);
+    const Workers workers{pool, {}};
+    const SkyLight sky(scene, &workers);
+    for (std::uint32_t i = 0; i < 4096; ++i) {
+      const Vec2 u = scrambled(sobol(i), 5);
+      const auto a = alone.sample(u), b = sky.sample(u);
+      ASSERT_EQ(a.direction, b.direction);
+      ASSERT_EQ(a.seen.density, b.seen.density);
+      ASSERT_EQ(a.seen.radiance, b.seen.radiance);
+    }
+  }
+}
+
+TEST(SkyLight, AStopEndsTheTable) {
+  const Scene scene = sky_scene(32, sunny(500));
+  ThreadPool pool(2);
+  std::stop_source stop;
+  const Workers workers{pool, stop.get_token()};
+  EXPECT_TRUE(SkyLight(scene, &workers).has_bright_parts());
+  stop.request_stop();
+  EXPECT_FALSE(SkyLight(scene, &workers).has_bright_parts()) << "all of it was made";
+}
+
 TEST(SkyLight, WhereNothingStandsOutNoDirectionsAreDrawn) {
   EXPECT_FALSE(SkyLight(sky_scene(32, [](Vec3) { return 0.7f; })).has_bright_parts());
   EXPECT_TRUE(SkyLight(sky_scene(32, [](Vec3 d) { return 1 + d.y; })).has_bright_parts());
