@@ -8,9 +8,12 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <memory>
 #include <new>
 #include <set>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "baker/scene/errors.h"
 #include "baker/scene/sky_decoder.h"
@@ -82,6 +85,7 @@ struct Layout {
   std::set<std::string_view> channels;
   std::uint8_t compression = 0;
   bool tiled = false;
+  std::optional<Primaries> primaries;
   std::uint32_t tile_x = 0, tile_y = 0;
   std::size_t rest = 0;  ///< bytes behind the header
 
@@ -124,12 +128,18 @@ std::string read_attribute(std::string_view name, std::string_view type, std::st
     out.compression = at.value<std::uint8_t>();
   } else if (is("channels", "chlist", 0)) {
     return read_channels(at, out);
+  } else if (name == "chromaticities") {
+    if (!is("chromaticities", "chromaticities", 32)) return "its chromaticities can't be read";
+    Primaries& p = out.primaries.emplace();
+    for (auto* point : {&p.red, &p.green, &p.blue, &p.white})
+      for (float& v : *point) v = at.value<float>();
   } else if (is("tiles", "tiledesc", 9)) {
     out.tile_x = at.value<std::uint32_t>(), out.tile_y = at.value<std::uint32_t>();
   }
   return "";
 }
 
+/// All but the length of the file.
 std::string check_layout(const Layout& layout) {
   const Window& w = layout.data;
   for (const std::int32_t edge : {w.min_x, w.min_y, w.max_x, w.max_y})
@@ -139,23 +149,31 @@ std::string check_layout(const Layout& layout) {
   if (layout.compression >= kLines.size()) return "its compression is unknown";
   for (const char* channel : {"R", "G", "B"})
     if (layout.channels.count(channel) == 0) return std::string("it has no channel ") + channel;
-  std::uint64_t chunks = 0, chunk_bytes = 0;
+  for (const std::uint64_t side : {layout.tile_x, layout.tile_y})
+    if (layout.tiled && (side == 0 || side > kMaxTileSide)) return "its tiles can't be right";
+  return "";
+}
+
+struct Chunks {
+  std::uint64_t count = 0, bytes = 0;  ///< how many, and of each when it is unpacked
+};
+Chunks chunks_of(const Layout& layout) {
   if (layout.tiled) {
     const std::uint64_t x = layout.tile_x, y = layout.tile_y;
-    if (x == 0 || y == 0 || x > kMaxTileSide || y > kMaxTileSide) return "its tiles can't be right";
     const std::uint64_t columns = (layout.width() + x - 1) / x,
                         rows = (layout.height() + y - 1) / y;
-    chunks = columns * rows;
     // The library keeps a whole row of tiles.
-    chunk_bytes = columns * x * y * layout.pixel_bytes;
-  } else {
-    const std::uint64_t lines = kLines[layout.compression];
-    chunks = (layout.height() + lines - 1) / lines;
-    chunk_bytes = layout.width() * lines * layout.pixel_bytes;
+    return {columns * rows, columns * x * y * layout.pixel_bytes};
   }
-  if (chunks > layout.rest / sizeof(std::uint64_t)) return "the file ends too early";
-  if (chunk_bytes > kMaxChunkBytes) return "its chunks are too large";
-  return "";
+  const std::uint64_t lines = kLines[layout.compression];
+  return {(layout.height() + lines - 1) / lines, layout.width() * lines * layout.pixel_bytes};
+}
+
+Expected<void> check_length(const Layout& layout) {
+  const Chunks chunks = chunks_of(layout);
+  if (chunks.count > layout.rest / sizeof(std::uint64_t)) return broken("the file ends too early");
+  if (chunks.bytes > kMaxChunkBytes) return broken("its chunks are too large");
+  return {};
 }
 
 Expected<Layout> read_layout(std::string_view bytes) {
@@ -234,28 +252,52 @@ bool decode(std::string_view bytes, const Layout& layout, SkyTexels texels,
   return true;
 }
 
+/// Throws std::bad_alloc when the library may have failed for want of memory. It tells that by
+/// errors of its own, which may name it; zlib within says no more than that it failed. What it held
+/// is free again: if that was not enough, as much is not to be had now.
+void throw_if_memory_lacks(const std::string& error, const Layout& layout) {
+  constexpr std::uint64_t kCopies = 8, kBeside = 4 << 20, kPiece = 256 << 20;
+  if (error.find("std::bad_alloc") != std::string::npos) throw std::bad_alloc();
+  std::vector<std::unique_ptr<char[]>> room;
+  for (std::uint64_t left = kCopies * chunks_of(layout).bytes + kBeside; left > 0;) {
+    const std::uint64_t piece = std::min(left, kPiece);
+    room.push_back(std::make_unique_for_overwrite<char[]>(piece));
+    left -= piece;
+  }
+}
+
 }  // namespace
 
 bool is_exr(std::string_view bytes) {
   return bytes.starts_with(kSignature);
 }
 
-Expected<ImageSize> exr_size(std::string_view bytes) {
+Expected<SkyHeader> exr_header(std::string_view bytes) {
   const auto layout = read_layout(bytes);
   if (!layout) return Unexpected(layout.error());
-  return ImageSize{std::uint32_t(layout->width()), std::uint32_t(layout->height())};
+  return SkyHeader{{std::uint32_t(layout->width()), std::uint32_t(layout->height())},
+                   layout->primaries};
+}
+
+Expected<void> check_exr_length(std::string_view bytes) {
+  const auto layout = read_layout(bytes);
+  if (!layout) return Unexpected(layout.error());
+  return check_length(*layout);
 }
 
 Expected<void> decode_exr(std::string_view bytes, ImageSize /*declared*/, SkyTexels texels,
                           const std::stop_token& stop) {
   const auto layout = read_layout(bytes);
   if (!layout) return Unexpected(layout.error());
+  if (auto fits = check_length(*layout); !fits) return fits;
   try {
     if (!decode(bytes, *layout, texels, stop)) return canceled();
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& e) {  // the library's own are among them
-    return broken(e.what());
+    const std::string why = e.what();
+    throw_if_memory_lacks(why, *layout);
+    return broken(why);
   }
   return {};
 }

@@ -1,5 +1,6 @@
 // Radiance pictures [Ward, "Real Pixels", Graphics Gems II, 1991; the file format is described with
 // Radiance, "Picture File Format"].
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -52,9 +53,24 @@ std::optional<ImageSize> parse_size(std::string_view line) {
   return size;
 }
 
+/// Eight numbers with spaces between.
+std::optional<Primaries> parse_primaries(std::string_view text) {
+  Primaries out;
+  for (auto* point : {&out.red, &out.green, &out.blue, &out.white})
+    for (float& v : *point) {
+      text.remove_prefix(std::min(text.find_first_not_of(" \t"), text.size()));
+      const std::string_view number = text.substr(0, text.find_first_of(" \t"));
+      if (!parse(number, v)) return std::nullopt;
+      text.remove_prefix(number.size());
+    }
+  if (text.find_first_not_of(" \t") != std::string_view::npos) return std::nullopt;
+  return out;
+}
+
 struct Header {
   ImageSize size;
   double exposure = 1;  ///< factor on all pixels of the file
+  std::optional<Primaries> primaries;
   std::string_view pixels;
 };
 
@@ -69,13 +85,19 @@ Expected<Header> read_header(std::string_view bytes) {
       if (!size) return broken("its rows do not run from the top, each from left to right");
       header.size = *size;
       header.pixels = bytes.substr(std::size_t(text.data() - bytes.data()));
+      if (!std::isfinite(1 / header.exposure) || !std::isfinite(header.exposure))
+        return broken("the product of its EXPOSUREs is no positive number");
       return header;
     }
-    double exposure = 1;
     if (line->starts_with("FORMAT=") && *line != "FORMAT=32-bit_rle_rgbe")
       return broken("its pixels are not RGBE");
     if (line->starts_with("COLORCORR=")) return broken("its colours were corrected (COLORCORR)");
+    if (line->starts_with("PRIMARIES=")) {
+      header.primaries = parse_primaries(line->substr(10));
+      if (!header.primaries) return broken("its PRIMARIES are not eight numbers");
+    }
     if (!line->starts_with("EXPOSURE=")) continue;
+    double exposure = 1;
     if (!parse(line->substr(9), exposure) || !(exposure > 0) || !std::isfinite(exposure))
       return broken("its EXPOSURE is no positive number");
     header.exposure *= exposure;
@@ -165,12 +187,18 @@ bool is_hdr(std::string_view bytes) {
   return bytes.starts_with(kSignature);
 }
 
-Expected<ImageSize> hdr_size(std::string_view bytes) {
+Expected<SkyHeader> hdr_header(std::string_view bytes) {
+  const auto header = read_header(bytes);
+  if (!header) return Unexpected(header.error());
+  return SkyHeader{header->size, header->primaries};
+}
+
+Expected<void> check_hdr_length(std::string_view bytes) {
   const auto header = read_header(bytes);
   if (!header) return Unexpected(header.error());
   if (header->pixels.size() / least_bytes(header->size.width) < header->size.height)
     return broken("the file ends too early");
-  return header->size;
+  return {};
 }
 
 Expected<void> decode_hdr(std::string_view bytes, ImageSize declared, SkyTexels texels,

@@ -1,6 +1,7 @@
 #include "baker/scene/sky_map.h"
 
 #include <cmath>
+#include <optional>
 
 #include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
@@ -29,46 +30,62 @@ Unexpected too_large(ImageSize size, const char* beside, const char* name, std::
 
 struct Opened {
   std::string_view bytes;
-  ImageSize size;
   bool exr = false;
+  ImageSize size{};
+  std::optional<ColorConversion> to_rec709{};  ///< none: its numbers are that
 };
 
 Expected<Opened> open(Document& document, const std::string& name, const ImportLimits& limits) {
   const auto bytes = document.files.named_file(name, "settings", kPointer);
   if (!bytes) return Unexpected(bytes.error());
-  Opened file{*bytes, {}, is_exr(*bytes)};
+  Opened file{*bytes, is_exr(*bytes)};
   if (!file.exr && !is_hdr(*bytes)) return broken("it is neither OpenEXR nor Radiance HDR");
-  const auto size = file.exr ? exr_size(*bytes) : hdr_size(*bytes);
-  if (!size) return broken(size.error().message);
-  file.size = *size;
-  if (size->height == 0 || std::uint64_t(size->width) != 2 * std::uint64_t(size->height))
-    return broken("it has " + std::to_string(size->width) + " x " + std::to_string(size->height) +
+  const auto header = file.exr ? exr_header(*bytes) : hdr_header(*bytes);
+  if (!header) return broken(header.error().message);
+  const ImageSize size = file.size = header->size;
+  if (std::uint64_t(size.width) * size.height > limits.image_pixels)
+    return too_large(size, "", "image_pixels", limits.image_pixels);
+  if (size.height == 0 || std::uint64_t(size.width) != 2 * std::uint64_t(size.height))
+    return broken("it has " + std::to_string(size.width) + " x " + std::to_string(size.height) +
                   " pixels; an equirectangular picture is twice as wide as high");
-  if (std::uint64_t(size->width) * size->height > limits.image_pixels)
-    return too_large(*size, "", "image_pixels", limits.image_pixels);
+  const auto long_enough = file.exr ? check_exr_length(*bytes) : check_hdr_length(*bytes);
+  if (!long_enough) return broken(long_enough.error().message);
+  if (header->primaries && !header->primaries->is_rec709()) {
+    file.to_rec709 = ColorConversion::from(*header->primaries);
+    if (!file.to_rec709) return broken("no mixture of the primaries that it names is its white");
+  }
   return file;
 }
 
+/// What makes a pixel none of a sky; null when nothing does.
+const char* fault_of(Rgb c) {
+  for (const float v : {c.r, c.g, c.b}) {
+    if (std::isnan(v)) return "no number";
+    if (v > kMaxSkyValue) return "infinite, or as good as that";
+    if (std::isinf(v)) return "infinite";
+  }
+  return nullptr;
+}
+
 /// Makes the values such as SkyMap has them.
-Expected<void> check_values(SkyMap& map, WarningList& warnings) {
+Expected<void> finish_values(SkyMap& map, const std::optional<ColorConversion>& to_rec709,
+                             WarningList& warnings, const std::stop_token& stop) {
   std::uint64_t negative = 0;
   for (std::size_t i = 0; i < map.texels.size(); ++i) {
+    if (i % map.width == 0 && stop.stop_requested()) return canceled();
     Rgb& c = map.texels[i];
-    const char* wrong = nullptr;
-    for (float* v : {&c.r, &c.g, &c.b}) {
-      if (std::isnan(*v)) wrong = "no number";
-      if (*v > kMaxSkyValue) wrong = "infinite, or as good as that";
-      if (!(*v < 0)) continue;
-      if (std::isinf(*v)) wrong = "infinite";
-      ++negative, *v = 0;
-    }
-    if (wrong)
+    const char* fault = fault_of(c);
+    if (!fault && to_rec709) fault = fault_of(c = (*to_rec709)(c));
+    if (fault)
       return broken("the pixel (" + std::to_string(i % map.width) + ", " +
-                    std::to_string(i / map.width) + ") is " + wrong);
+                    std::to_string(i / map.width) + ") is " + fault);
+    for (float* v : {&c.r, &c.g, &c.b})
+      if (*v < 0) ++negative, *v = 0;
   }
   if (negative > 0)
     warnings.add("sky_map_negative", kPointer,
-                 "values of the sky map are negative: they are read as 0", negative);
+                 "values of the sky map are negative (as linear Rec. 709): they are read as 0",
+                 negative);
   return {};
 }
 
@@ -97,7 +114,7 @@ Expected<void> load_sky_map(Document& document, Scene& scene, const std::string&
       (file->exr ? decode_exr : decode_hdr)(file->bytes, file->size, map.texels, stop);
   if (!decoded && decoded.error().code == proto::kCanceledCode) return decoded;
   if (!decoded) return broken(decoded.error().message);
-  return check_values(map, document.warnings);
+  return finish_values(map, file->to_rec709, document.warnings, stop);
 }
 
 }  // namespace kiln::baker

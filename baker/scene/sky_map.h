@@ -16,9 +16,10 @@ namespace kiln::baker {
 /// Errors: `missing_file`, `invalid_image`, `limit_exceeded`.
 proto::Expected<void> check_sky_map(Document&, const std::string& name, const ImportLimits&);
 
-/// Decodes it into scene.sky_map. Negative values become 0, with a warning. Errors: those of
-/// check_sky_map(), `canceled`; values that are infinite, no number, or above kMaxSkyValue are
-/// `invalid_image`: dropping them could drop the sun.
+/// Decodes it into scene.sky_map, as linear Rec. 709: by the primaries that the file names.
+/// Negative values become 0, with a warning, those of colours beyond Rec. 709 among them. Errors:
+/// those of check_sky_map(), `canceled`; values that are infinite, no number, or above kMaxSkyValue
+/// are `invalid_image`: dropping them could drop the sun.
 proto::Expected<void> load_sky_map(Document&, Scene&, const std::string& name, const ImportLimits&,
                                    const std::stop_token&);
 

@@ -109,6 +109,74 @@ TEST(SkyMap, BothFormatsShowTheSameWayUp) {
   EXPECT_EQ(hdr->sky_map.texels, sky.pixels);
 }
 
+// ACEScg, whose matrix to linear Rec. 709 (D60 to D65 by Bradford) is published with ACES.
+const std::vector<float> kAcesCg{0.713f, 0.293f, 0.165f, 0.83f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+constexpr float kAcesCgToRec709[3][3]{{1.70505f, -0.62179f, -0.08326f},
+                                      {-0.13026f, 1.14080f, -0.01055f},
+                                      {-0.02400f, -0.12897f, 1.15297f}};
+
+TEST(SkyMap, ColoursAreReadByTheFilesPrimaries) {
+  SkyPicture sky = picture();
+  for (Rgb& c : sky.pixels) c = test::hdr_rounded(c);
+  sky.pixels[7] = {0, 64, 0};  // a green that Rec. 709 has not
+  sky.pixels[8] = {64, 64, 64};
+  std::string line = "PRIMARIES=";
+  for (const float v : kAcesCg) line += " " + std::to_string(v);
+  const auto exr = import_sky(exr_file(sky, {.chromaticities = kAcesCg}));
+  const auto hdr = import_sky(hdr_file(sky, HdrRows::kPacked, line + "\n"));
+  ASSERT_TRUE(exr) << exr.error().message;
+  ASSERT_TRUE(hdr) << hdr.error().message;
+  for (const Scene* scene : {&*exr, &*hdr}) {
+    for (std::size_t i = 0; i < sky.pixels.size(); ++i) {
+      const Rgb in = sky.pixels[i], out = scene->sky_map.texels[i];
+      const auto expected = [&](int row) {
+        const float* m = kAcesCgToRec709[row];
+        return std::max(0.f, m[0] * in.r + m[1] * in.g + m[2] * in.b);
+      };
+      const float close = 2e-5f * max_channel(in);
+      ASSERT_NEAR(out.r, expected(0), close);
+      ASSERT_NEAR(out.g, expected(1), close);
+      ASSERT_NEAR(out.b, expected(2), close);
+    }
+    const Rgb white = scene->sky_map.texels[8];
+    EXPECT_NEAR(white.r, 64, 1e-4);
+    EXPECT_NEAR(white.g, 64, 1e-4);
+    EXPECT_NEAR(white.b, 64, 1e-4);
+    EXPECT_EQ(scene->sky_map.texels[7].r, 0);
+    EXPECT_EQ(warning_codes(*scene), std::vector<std::string>{"sky_map_negative"});
+  }
+}
+
+TEST(SkyMap, PrimariesOfRec709ChangeNoBit) {
+  const SkyPicture sky = picture();
+  const auto exr = import_sky(exr_file(
+      sky, {.chromaticities = {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.31271f, 0.32902f}}));
+  ASSERT_TRUE(exr);
+  EXPECT_EQ(exr->sky_map.texels, sky.pixels);
+}
+
+TEST(SkyMap, RefusesPrimariesThatMakeNoWhite) {
+  const float inf = std::numeric_limits<float>::infinity();
+  const std::string no_white = "no mixture of the primaries";
+  for (const std::vector<float>& odd : {
+           std::vector<float>{0, 0, 0, 0, 0, 0, 0, 0},
+           {0.64f, 0.33f, 0.64f, 0.33f, 0.15f, 0.06f, 0.3127f, 0.329f},  // two are one
+           {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.9f, 0.05f},        // white beyond them
+           {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0},
+           {inf, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0.329f},
+           {0.64f, std::nanf(""), 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0.329f},
+       })
+    expect_refused(exr_file(picture(), {.chromaticities = odd}), "invalid_image", no_white);
+  const auto line = [](const char* text) {
+    return hdr_file(picture(), HdrRows::kPacked, std::string(text) + "\n");
+  };
+  expect_refused(line("PRIMARIES=0 0 0 0 0 0 0 0"), "invalid_image", no_white);
+  for (const char* text :
+       {"PRIMARIES=", "PRIMARIES=.64 .33 .3 .6 .15 .06 .3127",
+        "PRIMARIES=.64 .33 .3 .6 .15 .06 .3127 .329 1", "PRIMARIES=.64 .33 .3 .6 .15 .06 .3127 x"})
+    expect_refused(line(text), "invalid_image", "PRIMARIES are not eight numbers");
+}
+
 TEST(SkyMap, IsFoundByItsNameAmongTheSideFiles) {
   const std::string bytes = hdr_file(picture());
   const Upload upload(triangle_builder().glb(), {{"skies/noon 4k.hdr", bytes}, {"a", ""}});
@@ -217,12 +285,16 @@ TEST(SkyMap, RefusesRadianceThatIsOdd) {
   expect_refused(with("-Y 24 +X 48", "-Y 99999999999 +X 48"), "invalid_image", "from the top");
   expect_refused(with("# a comment", "EXPOSURE=0"), "invalid_image", "EXPOSURE");
   expect_refused(with("# a comment", "EXPOSURE=inf"), "invalid_image", "EXPOSURE");
+  expect_refused(with("# a comment", "EXPOSURE=1e200\nEXPOSURE=1e200"), "invalid_image",
+                 "product of its EXPOSUREs");
+  expect_refused(with("# a comment", "EXPOSURE=1e-200\nEXPOSURE=1e-200"), "invalid_image",
+                 "product of its EXPOSUREs");
   expect_refused(with("# a comment", "COLORCORR=1 1 1"), "invalid_image", "COLORCORR");
   expect_refused("#?RADIANCE\nA=B\n", "invalid_image", "no end");
   // A size for which the file is far too short takes no memory.
   expect_refused(with("-Y 24 +X 48", "-Y 8192 +X 16384"), "invalid_image", "ends too early");
-  expect_refused(with("-Y 24 +X 48", "-Y 1000000000 +X 2000000000"), "invalid_image",
-                 "ends too early");
+  for (const char* size : {"-Y 900000 +X 900000", "-Y 1000000000 +X 2000000000"})
+    expect_refused(with("-Y 24 +X 48", size), "limit_exceeded", "image_pixels");
 }
 
 /// Where an attribute's value begins in an OpenEXR file.
@@ -252,15 +324,21 @@ TEST(SkyMap, RefusesOpenExrThatIsOdd) {
   };
   expect_refused(both(8, -1), "invalid_image", "window is empty");
   expect_refused(both(8, 0x7fffffff), "invalid_image", "window can't be right");
-  expect_refused(both(12, 0xfffff0), "invalid_image", "ends too early");
-  expect_refused(both(8, 0xfffff0), "invalid_image", "chunks are too large");
-  // Twice as wide as high: 16 Mi x 8 Mi.
-  expect_refused(
-      with_value(with_value(both(8, 0xffffff), window + 12, 0x7fffff), display + 12, 0x7fffff),
-      "invalid_image", "ends too early");
+  const auto sized = [&](std::int32_t width, std::int32_t height) {
+    return with_value(with_value(both(8, width - 1), window + 12, height - 1), display + 12,
+                      height - 1);
+  };
+  expect_refused(sized(16384, 8192), "invalid_image", "ends too early");
+  expect_refused(sized(900'000, 900'000), "limit_exceeded", "image_pixels");
+  expect_refused(sized(1 << 24, 1 << 23), "limit_exceeded", "image_pixels");
   expect_refused(with_value(tiled, tiles, 0), "invalid_image", "tiles");
   expect_refused(with_value(tiled, tiles, 0x7fffffff), "invalid_image", "tiles");
   expect_refused(with_value(tiled, tiles + 4, -1), "invalid_image", "tiles");
+  expect_refused(with_value(with_value(tiled, tiles, 16384), tiles + 4, 16384), "invalid_image",
+                 "chunks are too large");
+  std::string primaries = exr_file(picture(), {.chromaticities = kAcesCg});
+  primaries[primaries.find("chromaticities") + 15] = 'X';  // of another type
+  expect_refused(primaries, "invalid_image", "chromaticities");
   expect_refused(with_value(exr, channels + 2, 0), "invalid_image", "neither half nor float");
   expect_refused(with_value(exr, channels + 2, 7), "invalid_image", "channels");
   expect_refused(with_value(exr, channels + 10, 2), "invalid_image", "subsampled");

@@ -4,6 +4,7 @@
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfHeader.h>
 #include <OpenEXR/ImfOutputFile.h>
+#include <OpenEXR/ImfStandardAttributes.h>
 #include <OpenEXR/ImfStdIO.h>
 #include <OpenEXR/ImfTileDescription.h>
 #include <OpenEXR/ImfTiledOutputFile.h>
@@ -100,6 +101,8 @@ std::string exr_file(const SkyPicture& picture, const ExrStorage& storage) {
   const Imf::PixelType type = storage.half ? Imf::HALF : Imf::FLOAT;
   Imf::Header header(int(picture.width), int(picture.height));
   header.compression() = static_cast<Imf::Compression>(storage.compression);
+  if (const auto& c = storage.chromaticities; !c.empty())
+    Imf::addChromaticities(header, {{c[0], c[1]}, {c[2], c[3]}, {c[4], c[5]}, {c[6], c[7]}});
   std::vector<half> halves;
   for (const Rgb& c : picture.pixels)
     if (storage.half)

@@ -40,6 +40,8 @@ struct ExrStorage {
   bool half = false, tiled = false;
   int compression = 3;  ///< as the file has it: 3 is ZIP
   std::vector<std::string> channels{"R", "G", "B"};
+  /// CIE xy of red, green, blue and white; empty: the file doesn't tell.
+  std::vector<float> chromaticities{};
 };
 std::string exr_file(const SkyPicture&, const ExrStorage& = {});
 
