@@ -168,6 +168,9 @@ void make_skies(const fs::path& root) {
   });
   for (const auto rows : {test::HdrRows::kPacked, test::HdrRows::kPlain, test::HdrRows::kRepeated})
     seeds.add(test::hdr_file(sky, rows, "EXPOSURE=2\n"));
+  seeds.add(test::hdr_file(sky, test::HdrRows::kPacked, "PRIMARIES=.7 .3 .2 .8 .1 .1 .3 .3\n"));
+  seeds.add(
+      test::exr_file(sky, {.chromaticities = {0.7f, 0.3f, 0.2f, 0.8f, 0.1f, 0.1f, 0.32f, 0.34f}}));
   for (int compression = 0; compression <= 9; ++compression)
     for (const bool half : {false, true})
       seeds.add(test::exr_file(sky, {half, false, compression}));
