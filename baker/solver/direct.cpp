@@ -268,7 +268,7 @@ class FewLights {
       float& share = share_[i][l];
       if (!(share * float(count) / Footprint::kPoints >= kLampPackets)) continue;
       const auto packets = [&](std::uint32_t samples) {
-        return std::uint32_t(float(samples) / Footprint::kPoints * share + 0.5f);
+        return std::uint32_t(std::floor(float(samples) / Footprint::kPoints * share + 0.5f));
       };
       const std::uint32_t begin = packets(first), end = std::max(packets(first + count), begin + 1);
       of[shadows.size()] = i;

@@ -16,11 +16,14 @@
 namespace kiln::server {
 namespace {
 
-// The shadow memory of a sanitizer is larger than any limit.
+// The shadow memory of a sanitizer is larger than any limit; and it writes to a pipe of its own
+// what it wants to look at, to see whether it may be read.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kShadowMemory = true;
+constexpr bool kSanitized = true;
+constexpr std::uint64_t kNewDescriptors = 16;
 #else
-constexpr bool kShadowMemory = false;
+constexpr bool kSanitized = false;
+constexpr std::uint64_t kNewDescriptors = 0;
 #endif
 
 /// Room for the program, its libraries and its stack, which count as address space too.
@@ -40,7 +43,7 @@ std::uint64_t mapped_bytes() {
 }
 
 bool limit_memory(std::uint64_t bytes) {
-  if (bytes == 0 || kShadowMemory) return false;
+  if (bytes == 0 || kSanitized) return false;
   return limit(RLIMIT_DATA, bytes) && limit(RLIMIT_AS, mapped_bytes() + bytes + kProgramBytes);
 }
 
@@ -74,6 +77,10 @@ int allow(scmp_filter_ctx filter) {
     if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 1, not_executable);
         error != 0)
       return error;
+  if (kSanitized)
+    for (const int call : {SCMP_SYS(pipe), SCMP_SYS(pipe2)})
+      if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0)
+        return error;
   // fstat() of glibc; abort(), which signals this process only.
   if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(newfstatat), 1,
                                            SCMP_A3(SCMP_CMP_EQ, AT_EMPTY_PATH));
@@ -108,7 +115,7 @@ Confinement confine(std::uint64_t memory_bytes, std::uint32_t seconds, std::uint
   limit(RLIMIT_NPROC, 0);
   if (seconds > 0) limit(RLIMIT_CPU, seconds);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
-  limit(RLIMIT_NOFILE, 0);
+  limit(RLIMIT_NOFILE, kNewDescriptors);
   done.no_seccomp = filter_calls();
   return done;
 }
