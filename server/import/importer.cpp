@@ -2,12 +2,15 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <vector>
 
 #include "baker/output/lit_request.h"
 #include "baker/scene/scene_file.h"
@@ -24,6 +27,7 @@ using proto::Fd;
 using proto::Unexpected;
 
 constexpr const char* kSuffix = ".scene";
+constexpr std::size_t kKeptScenes = 4;  ///< of one upload, with different sky maps
 /// JPEGs decode to about ten times their size.
 constexpr std::uint64_t kAlwaysKept = 16ull << 20, kKeptPerByte = 16;
 
@@ -137,11 +141,13 @@ class IsolatedSource final : public baker::SceneSource {
     std::error_code error;
     if (cache_.empty()) return std::nullopt;
     for (fs::directory_iterator at(cache_, error), end; !error && at != end; at.increment(error)) {
-      if (at->path().extension() != kSuffix) continue;
+      const std::string name = at->path().filename().string();
+      if (!name.starts_with(prefix()) || !name.ends_with(kSuffix)) continue;
       Fd file(::open(at->path().c_str(), O_RDONLY | O_CLOEXEC));
-      if (digest_of(file.get(), stop) != at->path().stem().string()) continue;
+      if (prefix() + digest_of(file.get(), stop) + kSuffix != name) continue;
       auto read = read_scene(std::move(file), key_, stop);
       if (!read) continue;
+      ::futimens(read->file.get(), nullptr);  // the ones used last are kept
       scene_file_ = std::move(read->file);
       return std::move(read->scene);
     }
@@ -190,8 +196,11 @@ class IsolatedSource final : public baker::SceneSource {
     return bytes <= kAlwaysKept + kKeptPerByte * upload_bytes(files_);
   }
 
-  /// Gives the file its name; those of other versions or limits go. Or unlinks it: it then lives as
-  /// long as its descriptor.
+  /// Of what is read in the same way; versions, limits and sky maps make others.
+  std::string prefix() const { return key_.substr(0, 16) + "-"; }
+
+  /// Gives the file its name; those go that have its key, or were not used for longest. Or unlinks
+  /// it: it then lives as long as its descriptor.
   Expected<void> keep(const fs::path& temporary, int fd, const std::stop_token& stop) const {
     if (!is_worth_keeping(std::uint64_t(::lseek(fd, 0, SEEK_END)))) {
       ::unlink(temporary.c_str());
@@ -200,13 +209,29 @@ class IsolatedSource final : public baker::SceneSource {
     if (auto synced = proto::sync_file(temporary); !synced) return synced;
     const std::string digest = digest_of(fd, stop);
     if (digest.empty()) return proto::fail(proto::kCanceledCode, "canceled");
-    const fs::path name = cache_ / (digest + kSuffix);
+    const fs::path name = cache_ / (prefix() + digest + kSuffix);
     if (::rename(temporary.c_str(), name.c_str()) != 0)
       return proto::storage_error("rename", temporary);
-    std::error_code error;
-    for (fs::directory_iterator at(cache_, error), end; !error && at != end; at.increment(error))
-      if (at->path().extension() == kSuffix && at->path() != name) ::unlink(at->path().c_str());
+    make_room_for(name);
     return proto::sync_folder(cache_);
+  }
+
+  void make_room_for(const fs::path& name) const {
+    std::vector<std::pair<fs::file_time_type, fs::path>> others;
+    std::error_code error;
+    for (fs::directory_iterator at(cache_, error), end; !error && at != end; at.increment(error)) {
+      const fs::path& path = at->path();
+      if (path.extension() != kSuffix || path == name) continue;
+      std::error_code gone;
+      const auto used = fs::last_write_time(path, gone);
+      if (path.filename().string().starts_with(prefix()))
+        ::unlink(path.c_str());
+      else if (!gone)
+        others.emplace_back(used, path);
+    }
+    std::ranges::sort(others, std::greater{});
+    for (std::size_t i = kKeptScenes - 1; i < others.size(); ++i)
+      ::unlink(others[i].second.c_str());
   }
 
   const Importer::Options options_;
