@@ -35,8 +35,9 @@ struct ServerConfig {
   std::uint32_t max_import_processes = 4;           ///< at once; others wait
   std::uint32_t import_seconds = 300;               ///< that it may take
   std::uint32_t max_running_jobs = 2;
-  std::uint64_t memory_budget_bytes = 0;  ///< of running bakes; 0: 4/5 of what is free at the start
-  std::uint32_t max_queued_jobs = 1000;   ///< beyond: `queue_full`
+  /// Of running bakes and import processes together; 0: 4/5 of what is free at the start.
+  std::uint64_t memory_budget_bytes = 0;
+  std::uint32_t max_queued_jobs = 1000;                  ///< beyond: `queue_full`
   std::uint32_t max_queued_jobs_per_tenant = 0;          ///< beyond: `quota_exceeded`; 0: no limit
   std::uint32_t max_running_jobs_per_tenant = 0;         ///< others wait; 0: no limit
   std::uint64_t max_texels_per_tenant_per_day = 0;       ///< baked; 0: no limit

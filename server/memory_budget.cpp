@@ -6,13 +6,27 @@
 #include "proto/job.h"
 
 namespace kiln::server {
+namespace {
+
+proto::Unexpected overloaded() {
+  return proto::fail("overloaded", "Too many scenes are being read at once.");
+}
+
+}  // namespace
 
 MemoryBudget::MemoryBudget(std::uint64_t bytes, Imports imports)
     : bytes_(bytes), imports_(imports) {
   if (bytes_ == 0 || imports_.processes == 0) return;
   if (imports_.most_bytes > 0)
     imports_.least_bytes = std::min(imports_.least_bytes, imports_.most_bytes);
-  imports_.least_bytes = std::min(imports_.least_bytes, bytes_ / 4 / imports_.processes);
+  const std::uint64_t quarter = bytes_ / 4;
+  imports_.floor_bytes = std::min(imports_.floor_bytes, imports_.least_bytes);
+  if (quarter / imports_.processes < imports_.floor_bytes) {
+    imports_.processes = std::uint32_t(std::max<std::uint64_t>(quarter / imports_.floor_bytes, 1));
+    imports_.least_bytes = std::min(imports_.floor_bytes, bytes_ / 2);
+  } else {
+    imports_.least_bytes = std::min(imports_.least_bytes, quarter / imports_.processes);
+  }
   set_aside_ = imports_.least_bytes * imports_.processes;
 }
 
@@ -33,10 +47,19 @@ std::uint64_t MemoryBudget::free_bytes() const {
   return free - std::min(free, wanted_);
 }
 
+bool MemoryBudget::imports_are_modest() const {
+  const std::lock_guard lock(mutex_);
+  return taken_ == 0 && wanted_ == 0;
+}
+
+std::uint64_t MemoryBudget::own(const std::string& job) const {
+  const auto had = reserved_.find(job);
+  return had == reserved_.end() ? 0 : had->second;
+}
+
 bool MemoryBudget::reserve(const std::string& job, std::uint64_t bytes) {
   const std::lock_guard lock(mutex_);
-  const auto had = reserved_.find(job);
-  const std::uint64_t own = had == reserved_.end() ? 0 : had->second;
+  const std::uint64_t own = this->own(job);
   std::uint64_t free = bytes_ == 0 ? UINT64_MAX : free_without_waiting() + own;
   if (bytes > own) free -= std::min(free, wanted_);
   if (bytes > free) return false;
@@ -58,6 +81,11 @@ std::uint64_t MemoryBudget::reserved() const {
   return all;
 }
 
+std::uint64_t MemoryBudget::reserved(const std::string& job) const {
+  const std::lock_guard lock(mutex_);
+  return own(job);
+}
+
 std::uint64_t MemoryBudget::for_import() const {
   if (bytes_ == 0) return imports_.most_bytes;
   const std::uint64_t all = imports_.least_bytes + for_bakes();
@@ -69,35 +97,47 @@ std::uint64_t MemoryBudget::beyond_least(std::uint64_t bytes) const {
 }
 
 proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
-    std::uint64_t bytes, std::stop_token stop, std::optional<std::chrono::milliseconds> patience) {
+    std::uint64_t bytes, std::stop_token stop, std::optional<std::chrono::milliseconds> patience,
+    const std::string& job) {
   const std::uint64_t given =
       bytes_ == 0 ? for_import() : std::clamp(bytes, imports_.least_bytes, for_import());
   const std::uint64_t beyond = bytes_ == 0 ? 0 : beyond_least(given);
   std::unique_lock lock(mutex_);
+  if (patience && impatient_ >= imports_.impatient &&
+      (running_ >= imports_.processes || (beyond > 0 && !line_.empty()) ||
+       beyond > free_without_waiting()))
+    return overloaded();
+  const std::uint64_t own = this->own(job);
+  const std::uint64_t more = beyond - std::min(beyond, own);
+  if (more > 0) reserved_.erase(job);
+  const std::uint64_t needed = more > 0 ? beyond : 0;
+  const std::uint64_t ticket = needed > 0 ? ++last_ticket_ : 0;
   const auto free = [&] {
-    return running_ < imports_.processes && (beyond == 0 || beyond <= free_without_waiting());
+    return running_ < imports_.processes &&
+           (needed == 0 || (*line_.begin() == ticket && needed <= free_without_waiting()));
   };
-  wanted_ += beyond;
+  if (needed > 0) line_.insert(ticket);
+  wanted_ += needed;
+  if (more > 0 && own > 0) changed_.notify_all();
+  impatient_ += patience ? 1 : 0;
   const bool there =
       patience ? changed_.wait_for(lock, stop, *patience, free) : changed_.wait(lock, stop, free);
-  wanted_ -= beyond;
+  impatient_ -= patience ? 1 : 0;
+  wanted_ -= needed;
+  if (needed > 0) {
+    line_.erase(ticket);
+    changed_.notify_all();  // the next in line
+  }
   if (!there) {
     lock.unlock();
-    if (hook_ && beyond > 0) hook_();
+    if (hook_ && needed > 0) hook_();
     if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
-    return proto::fail("overloaded", "Too many scenes are being read at once.");
+    return overloaded();
   }
   ++running_;
-  taken_ += beyond;
-  return Place(*this, given, beyond);
-}
-
-proto::Expected<MemoryBudget::Place> MemoryBudget::enter_within_job(std::stop_token stop) {
-  std::unique_lock lock(mutex_);
-  if (!changed_.wait(lock, stop, [&] { return running_ < imports_.processes; }))
-    return proto::fail(proto::kCanceledCode, "canceled");
-  ++running_;
-  return Place(*this, imports_.most_bytes, 0);
+  taken_ += more;
+  if (more > 0 && own > 0) reserved_[job] = own;
+  return Place(*this, given, more);
 }
 
 void MemoryBudget::leave(std::uint64_t taken) {

@@ -7,6 +7,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <stop_token>
 #include <string>
 
@@ -27,6 +28,9 @@ class MemoryBudget {
     std::uint64_t most_bytes = 0;                          ///< that one is ever given
     std::uint64_t least_bytes = std::uint64_t(256) << 20;  ///< set aside for each, if that leaves
                                                            ///< three quarters for bakes
+    /// Less is of no use to any: where not so much can be set aside for each, there are fewer.
+    std::uint64_t floor_bytes = std::uint64_t(64) << 20;
+    std::uint32_t impatient = UINT32_MAX;  ///< that may wait at a time with `patience`
   };
   /// @param bytes 0: no limit
   explicit MemoryBudget(std::uint64_t bytes) : MemoryBudget(bytes, Imports{}) {}
@@ -38,11 +42,14 @@ class MemoryBudget {
   std::uint64_t for_bakes() const;
   /// What one more may reserve now.
   std::uint64_t free_bytes() const;
+  /// Whether import processes have, and wait for, nothing beyond what is set aside for them.
+  bool imports_are_modest() const;
   /// Reserves so much for a job, in place of what it had. False, and no change, when there is not
   /// so much beside the others.
   bool reserve(const std::string& job, std::uint64_t bytes);
   void release(const std::string& job);
   std::uint64_t reserved() const;  ///< by bakes
+  std::uint64_t reserved(const std::string& job) const;
 
   /// The right to run one import process. Ends with the object.
   class Place {
@@ -59,15 +66,20 @@ class MemoryBudget {
     MemoryBudget* budget_;
     std::uint64_t bytes_, taken_;
   };
+  std::uint32_t processes() const { return imports_.processes; }  ///< import processes at once
   /// Most that an import process can be given, once bakes have ended. 0: no limit.
   std::uint64_t for_import() const;
-  /// Waits for a place with so many bytes; fewer than the least become the least. Bakes that would
-  /// need what is waited for are not let in meanwhile.
-  /// Errors: `canceled`; `overloaded` when it takes longer than `patience`.
+  /// Waits for a place with so many bytes; fewer than the least become the least. Who waits for
+  /// more than that is served in the order of arrival, and bakes that would need what is waited for
+  /// are not let in meanwhile.
+  ///
+  /// What `job` has reserved is drawn on, since its process and its bake take turns. When that is
+  /// not enough the job lets go of it for as long as it waits: those that wait hold nothing, so
+  /// that no two of them wait for each other. It has it again when it is let in. Errors:
+  /// `canceled`; `overloaded` when it takes longer than `patience`.
   proto::Expected<Place> enter(std::uint64_t bytes, std::stop_token,
-                               std::optional<std::chrono::milliseconds> patience = {});
-  /// For a process that works for a job whose bake is over, within what that job has reserved.
-  proto::Expected<Place> enter_within_job(std::stop_token);
+                               std::optional<std::chrono::milliseconds> patience = {},
+                               const std::string& job = {});
 
   /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
   /// there are any.
@@ -76,6 +88,7 @@ class MemoryBudget {
  private:
   std::uint64_t free_without_waiting() const;  ///< needs mutex_, as do the others
   std::uint64_t beyond_least(std::uint64_t bytes) const;
+  std::uint64_t own(const std::string& job) const;
   void leave(std::uint64_t taken);
 
   const std::uint64_t bytes_;
@@ -89,6 +102,9 @@ class MemoryBudget {
   std::uint32_t running_ = 0;                      ///< import processes
   std::uint64_t taken_ = 0;                        ///< by them, beyond what is set aside
   std::uint64_t wanted_ = 0;                       ///< likewise, by those that wait
+  std::uint32_t impatient_ = 0;                    ///< that wait with patience
+  std::uint64_t last_ticket_ = 0;
+  std::set<std::uint64_t> line_;  ///< tickets of those that wait for memory
 };
 
 }  // namespace kiln::server

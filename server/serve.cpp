@@ -77,10 +77,11 @@ ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer,
                             std::shared_ptr<MemoryBudget> memory) {
   ServiceParts parts;
   parts.memory = std::move(memory);
-  parts.bake = [importer](baker::BakeInput input, baker::ThreadPool& pool, std::stop_token stop,
+  parts.bake = [importer](JobInput input, baker::ThreadPool& pool, std::stop_token stop,
                           baker::BakeObserver& observer) {
     input.files.sky_map = input.settings.sky.map;
-    input.source = importer->open(input.files, input.scene_key, input.files.main.parent_path());
+    input.source =
+        importer->open(input.files, input.scene_key, input.files.main.parent_path(), input.job);
     return baker::bake(input, pool, std::move(stop), observer);
   };
   parts.check = [importer](const baker::SceneFiles& files, const proto::BakeSettings& settings) {
@@ -101,7 +102,9 @@ int serve(const ServerConfig& given) {
   if (config.memory_budget_bytes == 0) config.memory_budget_bytes = usual_memory_budget();
   const auto memory = std::make_shared<MemoryBudget>(
       config.memory_budget_bytes,
-      MemoryBudget::Imports{config.max_import_processes, config.import_memory_bytes});
+      MemoryBudget::Imports{.processes = config.max_import_processes,
+                            .most_bytes = config.import_memory_bytes,
+                            .impatient = std::max(config.http_threads / 4, 1u)});
   const auto importer = make_importer(config, memory);
   if (!importer) {
     std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());

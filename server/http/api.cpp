@@ -145,7 +145,7 @@ Response Api::get_capabilities(Request& request) {
       {"token_requests_per_minute", parts_.config.max_requests_per_minute_per_token},
       {"upload_bytes", parts_.config.max_upload_bytes},
       {"request_json_bytes", parts_.config.max_request_json_bytes},
-      {"memory_bytes", parts_.config.memory_budget_bytes},
+      {"memory_bytes", parts_.jobs.memory_limit()},
       {"queued_jobs", parts_.config.max_queued_jobs},
       {"running_jobs", parts_.config.max_running_jobs},
       {"scene_json_bytes", import.json_bytes},

@@ -74,21 +74,41 @@ std::uint64_t upload_bytes(const baker::SceneFiles& files) {
   return error ? 0 : all;
 }
 
-/// In its turn, with more memory each time that what it was given was not enough.
-Expected<Confinement> run_in_turn(const Importer::Options& options, const ImportJob& job,
-                                  const std::stop_token& stop,
-                                  std::optional<std::chrono::milliseconds> patience = {}) {
+/// Of the first try.
+std::uint64_t expected_bytes(const MemoryBudget& memory, const ImportJob& job,
+                             const std::string& owner) {
   constexpr std::uint64_t kPerByte = 8;  ///< documents, vertices, images of JPEG
+  // The bake is over: what it had is the process's.
+  if (job.work == ImportWork::kLit) return memory.reserved(owner);
+  if (job.work == ImportWork::kCheck) return 0;  // decodes no images, and somebody waits for it
+  return kPerByte * upload_bytes(job.files);
+}
+
+std::optional<std::chrono::milliseconds> left(std::optional<std::chrono::milliseconds> patience,
+                                              std::chrono::steady_clock::duration waited) {
+  if (!patience) return std::nullopt;
+  const auto gone = std::chrono::duration_cast<std::chrono::milliseconds>(waited);
+  return *patience - std::min(*patience, gone);
+}
+
+/// In its turn, with more memory each time that what it was given was not enough. `owner`: see
+/// MemoryBudget::enter().
+Expected<Confinement> run_in_turn(const Importer::Options& options, const ImportJob& job,
+                                  const std::string& owner, const std::stop_token& stop,
+                                  std::optional<std::chrono::milliseconds> patience = {}) {
   if (!options.memory) return run_import_process(options.process, job, stop);
-  for (std::uint64_t bytes = kPerByte * upload_bytes(job.files);; bytes *= 2) {
-    const auto place = job.work == ImportWork::kLit ? options.memory->enter_within_job(stop)
-                                                    : options.memory->enter(bytes, stop, patience);
+  MemoryBudget& memory = *options.memory;
+  std::chrono::steady_clock::duration waited{0};
+  for (std::uint64_t bytes = expected_bytes(memory, job, owner);; bytes *= 2) {
+    const auto began = std::chrono::steady_clock::now();
+    const auto place = memory.enter(bytes, stop, left(patience, waited), owner);
+    waited += std::chrono::steady_clock::now() - began;
     if (!place) return Unexpected(place.error());
     ImportProcessOptions process = options.process;
     bytes = process.memory_bytes = place->bytes();
     auto done = run_import_process(process, job, stop);
-    const bool more_helps = !done && done.error().code == "import_out_of_memory" &&
-                            job.work != ImportWork::kLit && bytes < options.memory->for_import();
+    const bool more_helps =
+        !done && done.error().code == "import_out_of_memory" && bytes < memory.for_import();
     if (!more_helps) return done;
     if (job.product >= 0 &&
         (::ftruncate(job.product, 0) != 0 || ::lseek(job.product, 0, SEEK_SET) != 0))
@@ -99,11 +119,12 @@ Expected<Confinement> run_in_turn(const Importer::Options& options, const Import
 class IsolatedSource final : public baker::SceneSource {
  public:
   IsolatedSource(const Importer::Options& options, baker::SceneFiles files,
-                 const std::string& scene_key, fs::path cache)
+                 const std::string& scene_key, fs::path cache, std::string owner)
       : options_(options),
         files_(std::move(files)),
         key_(baker::import_key(scene_key, options_.limits, files_.sky_map)),
-        cache_(std::move(cache)) {}
+        cache_(std::move(cache)),
+        owner_(std::move(owner)) {}
 
   Expected<baker::Scene> import(std::stop_token stop) override {
     if (auto kept = find_kept(stop)) return std::move(*kept);
@@ -121,7 +142,7 @@ class IsolatedSource final : public baker::SceneSource {
     job.product = product.get();
     job.scene = scene_file_.get();
     job.lit = request->get();
-    const auto done = run_in_turn(options_, job, stop);
+    const auto done = run_in_turn(options_, job, owner_, stop);
     if (!done) return Unexpected(done.error());
     return {};
   }
@@ -173,7 +194,7 @@ class IsolatedSource final : public baker::SceneSource {
     }
     ImportJob job = job_for(ImportWork::kImport);
     job.product = product.get();
-    const auto done = run_in_turn(options_, job, stop);
+    const auto done = run_in_turn(options_, job, owner_, stop);
     if (!done) return Unexpected(done.error());
     auto read = read_scene(std::move(product), key_, stop);
     if (!read && read.error().code == "bad_document") return lied(read.error().message);
@@ -238,6 +259,7 @@ class IsolatedSource final : public baker::SceneSource {
   baker::SceneFiles files_;
   std::string key_;
   fs::path cache_;
+  std::string owner_;
   Fd scene_file_;  ///< what import() read; write_lit() gives it along
 };
 
@@ -254,15 +276,16 @@ Expected<void> Importer::check(const baker::SceneFiles& files, const proto::Bake
   job.settings = proto::to_text(proto::to_json(settings));
   job.limits = options_.limits;
   job.files = files;
-  const auto done = run_in_turn(options_, job, stop, options_.patience);
+  const auto done = run_in_turn(options_, job, {}, stop, options_.patience);
   if (!done) return Unexpected(done.error());
   return {};
 }
 
 std::shared_ptr<baker::SceneSource> Importer::open(baker::SceneFiles files,
-                                                   const std::string& scene_key,
-                                                   fs::path cache) const {
-  return std::make_shared<IsolatedSource>(options_, std::move(files), scene_key, std::move(cache));
+                                                   const std::string& scene_key, fs::path cache,
+                                                   const std::string& job) const {
+  return std::make_shared<IsolatedSource>(options_, std::move(files), scene_key, std::move(cache),
+                                          job);
 }
 
 }  // namespace kiln::server

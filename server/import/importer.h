@@ -24,9 +24,9 @@ class Importer {
   struct Options {
     ImportProcessOptions process;
     baker::ImportLimits limits;
-    /// What the processes share with bakes: then they stand in line, start with what their upload
-    /// lets expect, and are started again with more where that is not enough. Null: each may take
-    /// process.memory_bytes.
+    /// What the processes share with bakes: then they wait for their turn, start with what their
+    /// work lets expect, and are started again with more where that is not enough, each time with
+    /// process.seconds anew. Null: each may take process.memory_bytes.
     std::shared_ptr<MemoryBudget> memory = nullptr;
     std::chrono::milliseconds patience{10'000};  ///< of check(), for its turn
     /// Names for files that are about to be renamed, on the disk of the caches that open() is
@@ -43,12 +43,15 @@ class Importer {
                               std::stop_token = {}) const;
 
   /// For one bake. `scene_key` names the content of all files. The scene file is kept in the folder
-  /// `cache`, by its SHA-256 as <digest>.scene, and found there by the next bake of that scene;
-  /// with an empty path it lies in memory. What was kept is used only when its bytes have the
+  /// `cache`, as <16 digits of its import_key()>-<its SHA-256>.scene, and found there by the next
+  /// bake of that scene with the same sky map; the four that were used last stay.
+  /// With an empty path it lies in memory. What was kept is used only when its bytes have the
   /// digest of its name. Not kept is a file that is out of proportion to the upload: an image of
-  /// some kilobytes may decode to a gigabyte, and a disk is soon filled with those.
+  /// some kilobytes may decode to a gigabyte, and a disk is soon filled with those. `job`: whose
+  /// reservation in Options::memory the processes draw on, see MemoryBudget::enter(); "": nobody's.
   std::shared_ptr<baker::SceneSource> open(baker::SceneFiles, const std::string& scene_key,
-                                           std::filesystem::path cache) const;
+                                           std::filesystem::path cache,
+                                           const std::string& job = {}) const;
 
  private:
   Options options_;

@@ -276,9 +276,10 @@ Unexpected too_late(const ImportProcessOptions& options) {
 Unexpected out_of_memory(const ImportProcessOptions& options) {
   return proto::fail("import_out_of_memory",
                      options.memory_bytes > 0
-                         ? "Reading the scene takes more memory than the limit "
-                           "`import_memory_bytes` of this service, " +
-                               text_of(options.memory_bytes) + "."
+                         ? "Reading the scene takes more memory than the " +
+                               text_of(options.memory_bytes) +
+                               " bytes that `import_memory_bytes` and `memory_budget_bytes` of "
+                               "this service leave for it."
                          : "Reading the scene takes more memory than there is.");
 }
 

@@ -73,7 +73,8 @@ JobRun::Outcome JobRun::bake() {
     if (auto made = context_.data.make_job_folders(job.id); !made) return {made.error(), {}};
     log_.line("attempt " + std::to_string(job.attempt) + " of job " + job.id +
               ", scene sha256:" + job.scene_sha256 + ", lightkiln " LIGHTKILN_VERSION);
-    baker::BakeInput input;
+    JobInput input;
+    input.job = job.id;
     input.files = scene->files;
     input.settings = job.settings;
     input.limits = context_.import_limits;

@@ -254,6 +254,11 @@ JobService::Counts JobService::counts() const {
   return {queue_.size(), queue_.running(), memory_->reserved()};
 }
 
+std::uint64_t JobService::memory_limit() const {
+  const std::uint64_t all = memory_->for_bakes();
+  return all == UINT64_MAX ? 0 : all;
+}
+
 void JobService::retire(const LivePtr& job) {
   {
     const std::lock_guard lock(mutex_);
@@ -294,20 +299,26 @@ void JobService::stop() {
   release_waiters();
 }
 
+std::optional<JobQueue::Entry> JobService::take_job() {
+  // One job may always run: whether it is too large by itself, it learns from admit(). But not
+  // while it would only learn that imports have what it needs: on_free() tells when they are done.
+  const bool alone = queue_.running() == 0 && memory_->imports_are_modest();
+  auto next = queue_.take(limits_.tenant_running, alone ? UINT64_MAX : memory_->free_bytes());
+  if (!next || next->bytes == 0 || next->bytes > memory_->for_bakes()) return next;
+  if (memory_->reserve(by_sequence_.at(next->sequence)->id, next->bytes)) return next;
+  queue_.release(next->tenant);  // an import came in between
+  queue_.insert(*next);
+  return std::nullopt;
+}
+
 JobService::LivePtr JobService::next_job(std::stop_token stop) {
   std::unique_lock lock(mutex_);
   std::optional<JobQueue::Entry> next;
   changed_.wait(lock, stop, [&] {
-    if (!draining_ && !stop.stop_requested())
-      // One job may always run: whether it is too large by itself, it learns from admit().
-      next = queue_.take(limits_.tenant_running,
-                         queue_.running() == 0 ? UINT64_MAX : memory_->free_bytes());
+    if (!draining_ && !stop.stop_requested()) next = take_job();
     return next.has_value();
   });
-  if (!next) return nullptr;
-  const LivePtr& job = by_sequence_.at(next->sequence);
-  if (next->bytes > 0) memory_->reserve(job->id, next->bytes);
-  return job;
+  return next ? by_sequence_.at(next->sequence) : nullptr;
 }
 
 Admission JobService::admit(const LiveJob& job, std::uint64_t bytes) {

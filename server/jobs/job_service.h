@@ -32,9 +32,13 @@ struct LiveJob;
 enum class Admission;
 class Metrics;
 
+struct JobInput : baker::BakeInput {
+  std::string job;  ///< whose bake it is
+};
+
 /// baker::bake, or a test's stand-in.
 using BakeFunction = std::function<proto::Expected<proto::Manifest>(
-    const baker::BakeInput&, baker::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
+    const JobInput&, baker::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
 
 struct JobLimits {
   std::uint32_t running = 2;    ///< jobs at once
@@ -150,6 +154,7 @@ class JobService {
     std::uint64_t reserved_bytes = 0;  ///< of memory, for those that run
   };
   Counts counts() const;
+  std::uint64_t memory_limit() const;  ///< that one bake may be estimated to take; 0: there is none
 
   /// What a tenant has and took, for its quotas.
   struct Usage {
@@ -180,6 +185,8 @@ class JobService {
   LivePtr live(const std::string& id) const;
   /// Whether the job is over, or of another version. Needs mutex_.
   bool has_moved(const std::string& id, std::optional<std::uint64_t> since) const;
+  /// Takes a job that may run now, with what it needs reserved. Needs mutex_.
+  std::optional<JobQueue::Entry> take_job();
   LivePtr next_job(std::stop_token);
   void runner_loop(std::stop_token);
   bool run_job(const LivePtr&, std::stop_token);

@@ -25,7 +25,7 @@ class Limits : public testing::Test {
   }
   /// A bake of so many texels that takes this processor time.
   BakeFunction costly(std::uint64_t texels, std::chrono::milliseconds busy) {
-    return [=, this](const baker::BakeInput& input, baker::ThreadPool& pool, std::stop_token stop,
+    return [=, this](const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
                      baker::BakeObserver& observer) {
       const std::clock_t end = std::clock() + busy.count() * CLOCKS_PER_SEC / 1'000;
       while (std::clock() < end) {

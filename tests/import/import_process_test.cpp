@@ -377,6 +377,19 @@ TEST(ImportProcess, StartsWithLittleAndAgainWithMore) {
   EXPECT_EQ(isolated.code_of(scene.files), "import_out_of_memory");
 }
 
+TEST(ImportProcess, ChecksStartWithWhatIsSetAside) {
+  Isolated isolated;
+  constexpr std::uint64_t kMiB = 1 << 20;
+  const Scene scene(baker::generate_glb("cornell").value() + std::string(40 * kMiB, '\0'));
+  isolated.options.memory =
+      std::make_shared<MemoryBudget>(2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB});
+  isolated.options.patience = 0ms;
+  ASSERT_TRUE(isolated.options.memory->reserve("a", isolated.options.memory->for_bakes()));
+  const auto checked = Importer(isolated.options).check(scene.files, {});
+  EXPECT_EQ(isolated.started, 1) << "bakes have all the rest, and the upload has 40 MiB";
+  EXPECT_TRUE(checked || checked.error().code != "overloaded");
+}
+
 TEST(ImportProcess, ACheckWhoseTurnDoesNotComeIsRefused) {
   Isolated isolated;
   const Scene scene(slow_glb());
@@ -394,6 +407,34 @@ fs::path script(const TempFolder& folder, const std::string& lines) {
   const fs::path path = folder.write("impostor", "#!/bin/sh\n" + lines + "\n");
   ::chmod(path.c_str(), 0700);
   return path;
+}
+
+TEST(ImportProcess, LitScenesAreMadeWithinTheJobsMemory) {
+  constexpr std::uint64_t kMiB = 1 << 20;
+  const TempFolder folder;
+  const std::string request = (folder.path() / "request-").string();
+  Isolated isolated;
+  isolated.options.process.program = script(
+      folder, "cat > " + request + "$$\nexec " LIGHTKILN_BINARY " \"$@\" < " + request + "$$");
+  isolated.options.memory = std::make_shared<MemoryBudget>(
+      2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB, 128 * kMiB});
+  ASSERT_TRUE(isolated.options.memory->reserve("a job", 300 * kMiB));
+  const Scene scene(baker::generate_glb("cornell").value());
+  for (const auto& [job, bytes] : {std::pair("a job", 300 * kMiB), std::pair("", 128 * kMiB)}) {
+    const TempFolder out;
+    baker::BakeInput input;
+    input.files = scene.files;
+    input.output_dir = out.path();
+    input.settings.atlas.page_size = 64;
+    input.settings.solver.samples = 16;
+    input.source = Importer(isolated.options).open(scene.files, "key", {}, job);
+    baker::ThreadPool pool(2);
+    baker::BakeObserver quiet;
+    const auto manifest = baker::bake(input, pool, {}, quiet);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    const std::string text = test::read_bytes(request + std::to_string(isolated.pid));
+    EXPECT_NE(text.find("\"memory_bytes\":" + std::to_string(bytes)), std::string::npos) << text;
+  }
 }
 
 TEST(ImportProcess, LiesAreNotBelieved) {

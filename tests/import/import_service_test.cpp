@@ -76,13 +76,15 @@ TEST(ImportOfTheService, LimitsOfTheServiceAreToldAndNamed) {
   const TempFolder folder;
   Program program(folder.path() / "data",
                   {"--max-scene-triangles", "5", "--max-scene-json-depth", "9", "--import-seconds",
-                   "77", "--max-image-pixels", "1000"});
+                   "77", "--max-image-pixels", "1000", "--memory-budget-bytes", "1GiB",
+                   "--max-import-processes", "2"});
   const std::string limits = member(curl(program.url("/v1/capabilities")).body, "limits");
   EXPECT_EQ(member(limits, "triangles"), "5");
   EXPECT_EQ(member(limits, "vertices"), "15");
   EXPECT_EQ(member(limits, "scene_json_depth"), "9");
   EXPECT_EQ(member(limits, "import_seconds"), "77");
   EXPECT_EQ(member(limits, "image_pixels"), "1000");
+  EXPECT_EQ(member(limits, "memory_bytes"), std::to_string(3ull << 28)) << "that bakes may have";
   EXPECT_EQ(member(limits, "import_memory_bytes"), std::to_string(4ull << 30));
   const auto refused =
       curl(job_form(write_scene(folder.path(), "cornell")) + program.url("/v1/jobs"));

@@ -41,7 +41,7 @@ TEST_F(JobServiceTest, KeepsALogOverAttempts) {
   int runs = 0;
   const BakeFunction fails_once =
       [&, good = fake_.instant(2)](
-          const baker::BakeInput& input, baker::ThreadPool& pool, std::stop_token stop,
+          const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
           baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
     if (++runs == 1) return proto::fail("no_light", "Dark.");
     return good(input, pool, stop, observer);

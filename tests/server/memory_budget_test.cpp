@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
+#include <functional>
+#include <mutex>
 #include <thread>
 #include <vector>
 
@@ -12,6 +15,14 @@ namespace {
 
 using namespace std::chrono_literals;
 using Imports = MemoryBudget::Imports;
+
+constexpr auto kLong = 20s;  ///< beyond, something is stuck
+
+void wait_until(const std::function<bool()>& there) {
+  const auto deadline = std::chrono::steady_clock::now() + kLong;
+  while (!there() && std::chrono::steady_clock::now() < deadline) std::this_thread::sleep_for(1ms);
+  ASSERT_TRUE(there());
+}
 
 // Of 1000, 2 times 100 are set aside for imports.
 struct Shared : testing::Test {
@@ -58,10 +69,10 @@ TEST_F(Shared, BakesDoNotPassAnImportThatWaits) {
   std::atomic<bool> in{false}, freed{false};
   budget.on_free([&] { freed = true; });
   std::jthread reader([&] {
-    const auto place = budget.enter(600, {});
+    const auto place = budget.enter(600, {}, kLong);
     in = place.has_value();
   });
-  while (budget.free_bytes() > 0) std::this_thread::sleep_for(1ms);
+  wait_until([&] { return budget.free_bytes() == 0; });
   EXPECT_FALSE(budget.reserve("b", 10)) << "100 are free, and wanted";
   EXPECT_TRUE(budget.reserve("a", 650)) << "who is in may give back";
   budget.release("a");
@@ -83,21 +94,102 @@ TEST_F(Shared, WaitingEndsWithTheStop) {
   EXPECT_EQ(budget.free_bytes(), 800u) << "nothing is wanted any more";
 }
 
-TEST_F(Shared, WorkWithinAJobTakesAPlaceOnly) {
-  EXPECT_TRUE(budget.reserve("a", 800));
-  const auto lit = budget.enter_within_job({});
-  ASSERT_TRUE(lit);
-  EXPECT_EQ(lit->bytes(), 600u);
-  EXPECT_EQ(enter_now(1), 100u);
+TEST_F(Shared, WorkForAJobDrawsOnWhatItReserved) {
+  EXPECT_TRUE(budget.reserve("a", 700));
+  {
+    const auto place = budget.enter(600, {}, 0ms, "a");
+    ASSERT_TRUE(place) << "700 or 500 beyond, not 1200";
+    EXPECT_EQ(place->bytes(), 600u);
+    EXPECT_EQ(budget.free_bytes(), 100u);
+    EXPECT_TRUE(budget.imports_are_modest());
+    EXPECT_FALSE(budget.enter(600, {}, 0ms)) << "another";
+  }
+  EXPECT_TRUE(budget.reserve("a", 200));
+  {
+    const auto place = budget.enter(600, {}, 0ms, "a");
+    ASSERT_TRUE(place);
+    EXPECT_EQ(budget.reserved("a"), 200u);
+    EXPECT_EQ(budget.free_bytes(), 300u) << "500 are taken";
+    EXPECT_FALSE(budget.imports_are_modest());
+  }
+  EXPECT_EQ(budget.free_bytes(), 600u);
+}
+
+TEST_F(Shared, JobsThatWaitDoNotBlockEachOther) {
+  EXPECT_TRUE(budget.reserve("a", 400));
+  EXPECT_TRUE(budget.reserve("b", 400));
+  std::atomic<int> in{0};
+  std::vector<std::jthread> both;
+  for (const char* job : {"a", "b"})
+    both.emplace_back([&, job] {
+      {
+        const auto place = budget.enter(600, {}, kLong, job);
+        if (place && budget.reserved(job) == 400) ++in;
+      }
+      budget.release(job);  // its bake is over
+    });
+  both.clear();
+  EXPECT_EQ(in, 2) << "each lets go of its 400 while it waits for 500";
+  EXPECT_EQ(budget.free_bytes(), 800u);
+}
+
+TEST_F(Shared, WhoWaitsForMemoryIsServedInTurn) {
+  EXPECT_TRUE(budget.reserve("a", 700));
+  std::mutex mutex;
+  std::vector<std::uint64_t> order;
+  std::vector<std::jthread> threads;
+  for (const std::uint64_t bytes : {600u, 150u}) {
+    threads.emplace_back([&, bytes] {
+      const auto place = budget.enter(bytes, {}, kLong);
+      const std::lock_guard lock(mutex);
+      order.push_back(place ? bytes : 0);
+    });
+    if (bytes == 600) wait_until([&] { return budget.free_bytes() == 0; });
+  }
+  std::this_thread::sleep_for(50ms);
+  EXPECT_TRUE(order.empty()) << "100 are free, but another was there before";
+  EXPECT_EQ(enter_now(100), 100u) << "what is set aside is for all";
+  budget.release("a");
+  threads.clear();
+  EXPECT_EQ(order.size(), 2u);
+  EXPECT_EQ(std::ranges::count(order, 0u), 0);
 }
 
 TEST(MemoryBudget, SmallMachinesKeepThreeQuartersForBakes) {
-  const MemoryBudget small(400, {4, 1000, 100});
+  const MemoryBudget small(400, {4, 1000, 100, 10});
   EXPECT_EQ(small.for_bakes(), 300u);
   EXPECT_EQ(small.for_import(), 325u);
   MemoryBudget none(0, {1, 50, 100});
   EXPECT_TRUE(none.reserve("a", UINT64_MAX));
   EXPECT_EQ(none.enter(7, {}, 0ms)->bytes(), 50u);
+}
+
+TEST(MemoryBudget, ThereAreFewerPlacesWhereEachWouldBeOfNoUse) {
+  constexpr std::uint64_t kMiB = 1 << 20;
+  const MemoryBudget many(1024 * kMiB, {256, 4096 * kMiB});
+  EXPECT_EQ(many.processes(), 4u);
+  EXPECT_EQ(many.for_bakes(), 768 * kMiB);
+  MemoryBudget small(200 * kMiB, {4, 4096 * kMiB});
+  EXPECT_EQ(small.processes(), 1u);
+  EXPECT_EQ(small.enter(1, {}, 0ms)->bytes(), 64 * kMiB);
+  EXPECT_EQ(small.for_bakes(), 136 * kMiB);
+  EXPECT_EQ(MemoryBudget(100, {4, 1000}).for_bakes(), 50u);
+  EXPECT_EQ(MemoryBudget(8192 * kMiB, {4, 4096 * kMiB}).for_bakes(), 7168 * kMiB);
+}
+
+TEST(MemoryBudget, FewMayWaitWithPatience) {
+  MemoryBudget budget(1000, {1, 600, 100, 1, 1});
+  std::optional<MemoryBudget::Place> place = budget.enter(1, {}, 0ms).value();
+  std::atomic<bool> in{false};
+  std::jthread first([&] { in = budget.enter(600, {}, kLong).has_value(); });
+  wait_until([&] { return budget.free_bytes() == 400; });
+  const auto before = std::chrono::steady_clock::now();
+  EXPECT_EQ(budget.enter(1, {}, 2 * kLong).error().code, "overloaded");
+  EXPECT_LT(std::chrono::steady_clock::now() - before, kLong) << "at once";
+  place.reset();
+  first.join();
+  EXPECT_TRUE(in);
+  EXPECT_TRUE(budget.enter(1, {}, kLong)) << "who need not wait, may come";
 }
 
 TEST(MemoryBudget, IsNeverExceeded) {

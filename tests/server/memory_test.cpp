@@ -87,6 +87,56 @@ TEST_F(Memory, WhatWaitsCanBeCanceledAndSurvivesTheProcess) {
   EXPECT_EQ(wait(running).error->code, "job_too_large");
 }
 
+// Of 1000, 2 times 100 are set aside for imports.
+JobLimits shared_limits() {
+  JobLimits limits;
+  limits.running = 3;
+  limits.memory = std::make_shared<MemoryBudget>(1000, MemoryBudget::Imports{2, 600, 100});
+  return limits;
+}
+
+TEST_F(Memory, AJobsImportDrawsOnItsReservation) {
+  const JobLimits limits = shared_limits();
+  const auto importing = [&limits, sized = fake_.sized()](
+                             const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
+                             baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
+    {
+      const auto place = limits.memory->enter(600, stop, 20s, input.job);
+      if (!place) return proto::Unexpected(place.error());
+    }
+    return sized(input, pool, stop, observer);
+  };
+  start(importing, limits);
+  const std::string first = submit_sized(300);
+  reach(first, JobState::kRunning);
+  const std::string second = submit_sized(700);
+  for (int i = 0; i < 2000 && count(second, "waits_for_memory") == 0; ++i)
+    std::this_thread::sleep_for(5ms);
+  EXPECT_TRUE(jobs().cancel(first));
+  reach(second, JobState::kRunning);  // with 700 and, for its import, 500 of 800
+  fake_.go = true;
+  EXPECT_EQ(wait(second).state, JobState::kSucceeded);
+}
+
+TEST_F(Memory, AJobThatWaitsForAnImportIsLeftInPeace) {
+  const JobLimits limits = shared_limits();
+  start(fake_.sized(), limits);
+  std::string id;
+  {
+    const auto check = limits.memory->enter(600, {}, 0ms);
+    ASSERT_TRUE(check);
+    id = submit_sized(400);
+    for (int i = 0; i < 2000 && count(id, "waits_for_memory") == 0; ++i)
+      std::this_thread::sleep_for(5ms);
+    std::this_thread::sleep_for(100ms);
+    EXPECT_EQ(jobs().get(id)->state, JobState::kQueued);
+    EXPECT_EQ(fake_.imported, 1) << "though no other job runs";
+  }
+  reach(id, JobState::kRunning);
+  EXPECT_EQ(fake_.imported, 2);
+  EXPECT_EQ(count(id, "waits_for_memory"), 1u);
+}
+
 TEST(Machine, FreeMemoryIsWhatTheNarrowestLimitLeaves) {
   const test::TempFolder folder;
   const auto root = folder.path();
