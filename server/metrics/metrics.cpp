@@ -76,7 +76,9 @@ struct Metrics::Impl {
   Gauge& disk_bytes = gauge(registry, "data_bytes", "Scenes and jobs on the disk").Add({});
   Gauge& disk_free =
       gauge(registry, "disk_free_share", "Of the data folder's disk, 0 to 1").Add({});
-  Gauge& budget = gauge(registry, "memory_budget_bytes", "That running bakes may take").Add({});
+  Gauge& budget =
+      gauge(registry, "memory_budget_bytes", "That running bakes and import processes may take")
+          .Add({});
   Gauge& reserved =
       gauge(registry, "memory_reserved_bytes", "That running bakes were let in for").Add({});
   Gauge& connections =
