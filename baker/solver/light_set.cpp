@@ -17,6 +17,7 @@ std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
   double total = 0;
   for (const AreaLight& l : lights) total += luminance(l.radiance) * l.area_m2;
   std::vector<float> shares;
+  shares.reserve(lights.size());
   for (const AreaLight& l : lights)
     shares.push_back(total > 0 ? float(luminance(l.radiance) * l.area_m2 / total)
                                : 1.f / float(lights.size()));
