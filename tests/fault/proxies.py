@@ -145,6 +145,8 @@ def check_stream(service, proxy, scene):
             beats.append(time.monotonic() - began)
     gaps = [round(b - a, 2) for a, b in zip(beats, beats[1:])]
     assert len(gaps) == 3, beats
+    now = service.ask("GET", f"/v1/jobs/{waiting}").json["state"]
+    assert now == "queued", f"they were held back until the job was {now}: {beats}"
     # An event on the same connection comes before the stream is long enough to fill a buffer.
     cancelled = time.monotonic()
     assert service.ask("POST", f"/v1/jobs/{waiting}/cancel").status in (200, 202)
