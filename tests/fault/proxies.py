@@ -132,7 +132,8 @@ def check_stream(service, proxy, scene):
 
     Their pace is told, not asserted: it is the machine's as well.
     """
-    settings = {"atlas": {"page_size": 1024}, "solver": {"samples": 1024, "direct_samples": 256}}
+    # The first of them takes a minute of two processors, and is deleted before.
+    settings = {"atlas": {"page_size": 1024}, "solver": {"samples": 4096, "direct_samples": 4096}}
     ids = [service.post_job(scene, settings, {"dedupe": False}).json["id"] for _ in range(2)]
     waiting = ids[1]  # one runs at a time
     connection = proxy.connection()
