@@ -121,7 +121,14 @@ proto::Expected<void> JobService::remove(const std::string& id, bool force) {
     return proto::fail("job_not_terminal",
                        "Job " + id + " is not over; cancel it first, or use ?force=true.");
   };
-  if (live(id)) {
+  const LivePtr job = live(id);
+  // One that is over and only has to be put away, which others have been told of already, is waited
+  // for below.
+  const auto is_over = [&] {
+    const std::lock_guard lock(job->mutex);
+    return proto::is_terminal(job->stored.job.state);
+  };
+  if (job && !is_over()) {
     if (!force) return refuse();
     if (auto canceled = cancel(id); !canceled) return proto::Unexpected(canceled.error());
   }
