@@ -20,23 +20,8 @@ std::string accessor_pointer(std::size_t i) {
   return pointer_to("/accessors", i);
 }
 
-std::size_t size_of(Component c) {
-  switch (c) {
-    case Component::kByte:
-    case Component::kUnsignedByte:
-      return 1;
-    case Component::kShort:
-    case Component::kUnsignedShort:
-      return 2;
-    case Component::kUnsignedInt:
-    case Component::kFloat:
-      return 4;
-  }
-  return 0;
-}
-
 bool is_component(int type) {
-  return type >= 5120 && type <= 5126 && type != 5124;
+  return type > 0 && component_bytes(std::uint64_t(type)) > 0;
 }
 
 template <class T>
@@ -83,7 +68,7 @@ float load_float(const unsigned char* p, Component c, bool normalized) {
 
 /// Bytes of one element; columns of matrices start at multiples of four bytes [glTF 2.0, 3.6.2.4].
 std::size_t element_size(const tinygltf::Accessor& a) {
-  const std::size_t component = size_of(static_cast<Component>(a.componentType));
+  const std::size_t component = component_bytes(static_cast<Component>(a.componentType));
   const auto matrix = [&](std::size_t n) { return n * ((n * component + 3) / 4 * 4); };
   switch (a.type) {
     case TINYGLTF_TYPE_MAT2:
@@ -126,7 +111,7 @@ Expected<void> check_range(const tinygltf::Model& model, const tinygltf::Accesso
   if (a.bufferView < 0) return {};
   const auto& view = model.bufferViews[static_cast<std::size_t>(a.bufferView)];
   const std::size_t size = element_size(a);
-  const std::size_t component = size_of(static_cast<Component>(a.componentType));
+  const std::size_t component = component_bytes(static_cast<Component>(a.componentType));
   const std::size_t stride = view.byteStride ? view.byteStride : size;
   if (stride < size || stride % component != 0) {
     return invalid("the stride " + std::to_string(stride) +
@@ -160,8 +145,8 @@ Expected<void> check_sparse_range(const tinygltf::Model& model, const tinygltf::
   const auto count = static_cast<std::uint64_t>(a.sparse.count);
   if (count > a.count) return invalid("is more than the accessor's count", at + "/sparse/count");
   const auto& index_view = model.bufferViews[static_cast<std::size_t>(indices.bufferView)];
-  if (!fits(static_cast<std::uint64_t>(indices.byteOffset), size_of(type), count, size_of(type),
-            index_view.byteLength)) {
+  if (!fits(static_cast<std::uint64_t>(indices.byteOffset), component_bytes(type), count,
+            component_bytes(type), index_view.byteLength)) {
     return invalid("reaches beyond its buffer view", at + "/sparse/indices");
   }
   const auto& value_view = model.bufferViews[static_cast<std::size_t>(values.bufferView)];
@@ -208,12 +193,13 @@ std::string describe(Component c) {
 
 const unsigned char* AccessorView::element(std::uint64_t i) const {
   if (sparse_count > 0) {
-    const std::size_t size = size_of(sparse_component);
+    const std::size_t size = component_bytes(sparse_component);
     std::uint32_t low = 0, high = sparse_count;
     while (low < high) {
       const std::uint32_t middle = low + (high - low) / 2;
       const std::uint32_t at = load_unsigned(sparse_indices + middle * size, sparse_component);
-      if (at == i) return sparse_values + std::size_t(middle) * components * size_of(component);
+      if (at == i)
+        return sparse_values + std::size_t(middle) * components * component_bytes(component);
       (at < i ? low : high) = at < i ? middle + 1 : middle;
     }
   }
@@ -229,7 +215,7 @@ std::array<float, 4> AccessorView::floats(std::uint64_t i) const {
   std::array<float, 4> out{};
   const unsigned char* p = element(i);
   if (!p) return out;
-  const std::size_t size = size_of(component);
+  const std::size_t size = component_bytes(component);
   for (std::uint32_t c = 0; c < components; ++c) {
     out[c] = load_float(p + c * size, component, normalized);
   }
@@ -288,7 +274,7 @@ Expected<AccessorView> Accessors::view_of(int accessor) const {
 }
 
 Expected<void> Accessors::check_sparse(const AccessorView& v, const std::string& at) const {
-  const std::size_t size = size_of(v.sparse_component);
+  const std::size_t size = component_bytes(v.sparse_component);
   StopPoll stopped(stop_);
   for (std::uint32_t s = 0; s < v.sparse_count; ++s) {
     if (stopped()) return canceled();
@@ -315,9 +301,9 @@ Expected<void> Accessors::check_contents(const AccessorView& v, int accessor) {
   for (std::uint64_t k = 0; k < n; ++k) {
     if (stopped()) return canceled();
     const std::uint64_t i =
-        v.data
-            ? k
-            : load_unsigned(v.sparse_indices + k * size_of(v.sparse_component), v.sparse_component);
+        v.data ? k
+               : load_unsigned(v.sparse_indices + k * component_bytes(v.sparse_component),
+                               v.sparse_component);
     const auto values = v.floats(i);
     for (std::uint32_t c = 0; c < v.components; ++c) {
       if (!std::isfinite(values[c]))

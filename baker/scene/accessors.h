@@ -6,20 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "baker/scene/component.h"
 #include "baker/scene/gltf_document.h"
 #include "proto/expected.h"
 
 namespace kiln::baker {
-
-/// glTF component types.
-enum class Component : std::uint16_t {
-  kByte = 5120,
-  kUnsignedByte = 5121,
-  kShort = 5122,
-  kUnsignedShort = 5123,
-  kUnsignedInt = 5125,
-  kFloat = 5126,
-};
 
 /// An accessor's elements, read one by one: stride, sparse replacement, normalisation and missing
 /// buffer views (zeros) are dealt with here and nowhere else. Data may lie unaligned. Views into

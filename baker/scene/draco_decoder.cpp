@@ -6,6 +6,8 @@
 #include <new>
 #include <optional>
 
+#include "baker/scene/component.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -13,22 +15,6 @@ using proto::Expected;
 
 proto::Unexpected broken(const std::string& why) {
   return proto::fail("invalid_scene", why);
-}
-
-std::uint32_t component_bytes(std::uint32_t type) {
-  switch (type) {
-    case 5120:
-    case 5121:
-      return 1;
-    case 5122:
-    case 5123:
-      return 2;
-    case 5125:
-    case 5126:
-      return 4;
-    default:
-      return 0;
-  }
 }
 
 std::optional<std::uint64_t> take_varint(std::string_view& bytes) {

@@ -1,87 +1,20 @@
 // The process that decodes uploads: what it may do, what its deaths and lies do to a job, and that
 // a bake by way of it has the same bits.
 #include <fcntl.h>
-#include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <future>
 #include <set>
-#include <thread>
 
-#include "baker/bake.h"
 #include "baker/scene/generate.h"
-#include "import/slow_scene.h"
-#include "server/import/importer.h"
-#include "support/sanitizer.h"
+#include "import/isolated.h"
 #include "support/sky_files.h"
-#include "support/temp_files.h"
 
 namespace kiln::server {
 namespace {
-
-namespace fs = std::filesystem;
-using namespace std::chrono_literals;
-using test::TempFolder;
-
-constexpr bool kHasMemoryLimit = test::kSlowdown == 1;  // sanitizers have none
-
-struct Scene {
-  TempFolder folder;
-  baker::SceneFiles files;
-  explicit Scene(const std::string& glb) { files.main = folder.write("scene.glb", glb); }
-};
-
-/// An importer with the built program, that counts and remembers its processes.
-struct Isolated {
-  TempFolder folder;
-  std::atomic<pid_t> pid{0};
-  std::atomic<int> started{0};
-  std::string failed, said;
-  Importer::Options options;
-
-  Isolated() {
-    options.process.program = LIGHTKILN_BINARY;
-    options.process.seconds = 60;
-    options.process.started = [this](pid_t now) {
-      ++started;
-      pid = now;
-    };
-    options.process.failed = [this](const std::string& reason, const std::string& words) {
-      failed = reason;
-      said = words;
-    };
-    options.new_temporary = [this] { return folder.path() / ("t" + std::to_string(started)); };
-    fs::create_directories(cache());
-  }
-  fs::path cache() const { return folder.path() / "cache"; }
-  std::vector<fs::path> cached() const {
-    std::vector<fs::path> files;
-    for (const auto& entry : fs::directory_iterator(cache())) files.push_back(entry.path());
-    return files;
-  }
-  proto::Expected<baker::Scene> import(const baker::SceneFiles& files, std::stop_token stop = {}) {
-    return Importer(options).open(files, "key", cache())->import(std::move(stop));
-  }
-  std::string code_of(const baker::SceneFiles& files) {
-    const auto scene = import(files);
-    return scene ? "" : scene.error().code;
-  }
-  /// The process once it is confined and decodes.
-  pid_t confined_pid() const {
-    for (int i = 0; i < 20'000; ++i, std::this_thread::sleep_for(1ms))
-      if (const pid_t now = pid;
-          now > 0 && status_of(now, "NoNewPrivs") == "1" && status_of(now, "Seccomp") == "2")
-        return now;
-    return -1;
-  }
-};
 
 TEST(ImportProcess, BakesTheSameBits) {
   for (const char* name : {"cornell", "room_textured"}) {
@@ -90,15 +23,9 @@ TEST(ImportProcess, BakesTheSameBits) {
     Isolated isolated;
     for (const bool in_process : {true, false}) {
       const TempFolder out;
-      baker::BakeInput input;
-      input.files = scene.files;
-      input.output_dir = out.path();
-      input.settings.atlas.page_size = 64;
-      input.settings.solver.samples = 16;
-      if (!in_process) input.source = Importer(isolated.options).open(scene.files, "key", {});
-      baker::ThreadPool pool(2);
-      baker::BakeObserver quiet;
-      const auto manifest = baker::bake(input, pool, {}, quiet);
+      const auto manifest = bake_small(
+          scene.files, out,
+          in_process ? nullptr : Importer(isolated.options).open(scene.files, "key", {}));
       ASSERT_TRUE(manifest) << manifest.error().message;
       exr.push_back(test::read_bytes(out.path() / "page_00.exr"));
       lit.push_back(test::read_bytes(out.path() / "lit.glb"));
@@ -210,18 +137,11 @@ TEST(ImportProcess, SkyMapsAreDecodedThere) {
   for (const char* name : {"sky.exr", "sky.hdr"})
     for (const bool in_process : {true, false}) {
       const TempFolder out;
-      baker::BakeInput input;
-      input.files = scene.files;
-      input.output_dir = out.path();
-      input.settings.sky.map = name;
-      input.settings.atlas.page_size = 64;
-      input.settings.solver.samples = 16;
       baker::SceneFiles with_sky = scene.files;
       with_sky.sky_map = name;
-      if (!in_process) input.source = Importer(isolated.options).open(with_sky, "key", {});
-      baker::ThreadPool pool(2);
-      baker::BakeObserver quiet;
-      const auto manifest = baker::bake(input, pool, {}, quiet);
+      const auto manifest = bake_small(
+          scene.files, out,
+          in_process ? nullptr : Importer(isolated.options).open(with_sky, "key", {}), name);
       ASSERT_TRUE(manifest) << manifest.error().message;
       exr.push_back(test::read_bytes(out.path() / "page_00.exr"));
     }
@@ -347,94 +267,6 @@ TEST(ImportProcess, AStopRequestEndsItAtOnce) {
   EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s);
   EXPECT_NE(::kill(pid, 0), 0);
   EXPECT_EQ(isolated.failed, "") << "nothing to complain about";
-}
-
-TEST(ImportProcess, MemoryBeyondTheLimitIsItsOwnError) {
-  if (!kHasMemoryLimit) GTEST_SKIP() << "a sanitizer's shadow is larger than any limit";
-  Isolated isolated;
-  const Scene scene(textured_glb(large_png(10'000)));  // 400 MB
-  isolated.options.process.memory_bytes = 128ull << 20;
-  const auto small = isolated.import(scene.files);
-  ASSERT_FALSE(small);
-  EXPECT_EQ(small.error().code, "import_out_of_memory");
-  EXPECT_NE(small.error().message.find("import_memory_bytes"), std::string::npos);
-  isolated.options.process.memory_bytes = 2ull << 30;
-  EXPECT_EQ(isolated.code_of(scene.files), "");
-}
-
-TEST(ImportProcess, StartsWithLittleAndAgainWithMore) {
-  if (!kHasMemoryLimit) GTEST_SKIP();
-  Isolated isolated;
-  const Scene scene(slow_glb());
-  constexpr std::uint64_t kMiB = 1 << 20;
-  isolated.options.memory = std::make_shared<MemoryBudget>(
-      2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB, 128 * kMiB});
-  EXPECT_EQ(isolated.code_of(scene.files), "");
-  EXPECT_GT(isolated.started, 1);
-  EXPECT_EQ(isolated.options.memory->free_bytes(), isolated.options.memory->for_bakes());
-  isolated.options.memory =
-      std::make_shared<MemoryBudget>(2048 * kMiB, MemoryBudget::Imports{2, 256 * kMiB, 128 * kMiB});
-  EXPECT_EQ(isolated.code_of(scene.files), "import_out_of_memory");
-}
-
-TEST(ImportProcess, ChecksStartWithWhatIsSetAside) {
-  Isolated isolated;
-  constexpr std::uint64_t kMiB = 1 << 20;
-  const Scene scene(baker::generate_glb("cornell").value() + std::string(40 * kMiB, '\0'));
-  isolated.options.memory =
-      std::make_shared<MemoryBudget>(2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB});
-  isolated.options.patience = 0ms;
-  ASSERT_TRUE(isolated.options.memory->reserve("a", isolated.options.memory->for_bakes()));
-  const auto checked = Importer(isolated.options).check(scene.files, {});
-  EXPECT_EQ(isolated.started, 1) << "bakes have all the rest, and the upload has 40 MiB";
-  EXPECT_TRUE(checked || checked.error().code != "overloaded");
-}
-
-TEST(ImportProcess, ACheckWhoseTurnDoesNotComeIsRefused) {
-  Isolated isolated;
-  const Scene scene(slow_glb());
-  isolated.options.memory = std::make_shared<MemoryBudget>(0, MemoryBudget::Imports{1, 0});
-  isolated.options.patience = 20ms;
-  const auto other = isolated.options.memory->enter(0, {});
-  const auto refused = Importer(isolated.options).check(scene.files, {});
-  ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().code, "overloaded");
-  EXPECT_EQ(isolated.started, 0);
-}
-
-/// A program in place of the importer: a shell script, whose descriptor 3 is the product.
-fs::path script(const TempFolder& folder, const std::string& lines) {
-  const fs::path path = folder.write("impostor", "#!/bin/sh\n" + lines + "\n");
-  ::chmod(path.c_str(), 0700);
-  return path;
-}
-
-TEST(ImportProcess, LitScenesAreMadeWithinTheJobsMemory) {
-  constexpr std::uint64_t kMiB = 1 << 20;
-  const TempFolder folder;
-  const std::string request = (folder.path() / "request-").string();
-  Isolated isolated;
-  isolated.options.process.program = script(
-      folder, "cat > " + request + "$$\nexec " LIGHTKILN_BINARY " \"$@\" < " + request + "$$");
-  isolated.options.memory = std::make_shared<MemoryBudget>(
-      2048 * kMiB, MemoryBudget::Imports{2, 1600 * kMiB, 128 * kMiB});
-  ASSERT_TRUE(isolated.options.memory->reserve("a job", 300 * kMiB));
-  const Scene scene(baker::generate_glb("cornell").value());
-  for (const auto& [job, bytes] : {std::pair("a job", 300 * kMiB), std::pair("", 128 * kMiB)}) {
-    const TempFolder out;
-    baker::BakeInput input;
-    input.files = scene.files;
-    input.output_dir = out.path();
-    input.settings.atlas.page_size = 64;
-    input.settings.solver.samples = 16;
-    input.source = Importer(isolated.options).open(scene.files, "key", {}, job);
-    baker::ThreadPool pool(2);
-    baker::BakeObserver quiet;
-    const auto manifest = baker::bake(input, pool, {}, quiet);
-    ASSERT_TRUE(manifest) << manifest.error().message;
-    const std::string text = test::read_bytes(request + std::to_string(isolated.pid));
-    EXPECT_NE(text.find("\"memory_bytes\":" + std::to_string(bytes)), std::string::npos) << text;
-  }
 }
 
 TEST(ImportProcess, LiesAreNotBelieved) {

@@ -4,6 +4,7 @@
 
 #include <cstring>
 #include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -59,6 +60,30 @@ inline void expect_refused(const Edit& edit, const std::string& code, const std:
 
 inline json& primitive(GltfBuilder& b) {
   return b.json["meshes"][0]["primitives"][0];
+}
+
+/// Flips up to four bits of the binary chunk, 600 times over: the import either refuses the file
+/// with one of these codes or returns triangles that can be used.
+inline void expect_harmless_when_damaged(const GltfBuilder& good,
+                                         const std::set<std::string>& codes) {
+  std::uint32_t random = 7, refused = 0;
+  for (int i = 0; i < 600; ++i) {
+    GltfBuilder b = good;
+    for (int k = 0; k <= i % 4; ++k) {
+      random = random * 1664525 + 1013904223;
+      char& byte = b.binary[(random >> 8) % b.binary.size()];
+      byte = static_cast<char>(byte ^ (1 << (random & 7)));
+    }
+    const auto scene = import_bytes(b.glb());
+    if (!scene) {
+      EXPECT_TRUE(codes.contains(scene.error().code)) << scene.error().message;
+      ++refused;
+      continue;
+    }
+    for (const auto& t : scene->triangles)
+      for (const std::uint32_t v : t) ASSERT_LT(v, scene->positions.size());
+  }
+  EXPECT_GT(refused, 10u);
 }
 
 template <class T>

@@ -158,24 +158,7 @@ TEST(Meshopt, WhatCannotBeIsAnErrorWithItsPlace) {
 TEST(Meshopt, BrokenDataIsHarmless) {
   for (const char* mode : {"TRIANGLES", "INDICES"}) {
     const GltfBuilder good = packed_sheet(mode, 2);
-    std::uint32_t random = 7, refused = 0;
-    for (int i = 0; i < 600; ++i) {
-      GltfBuilder b = good;
-      for (int k = 0; k <= i % 4; ++k) {
-        random = random * 1664525 + 1013904223;
-        char& byte = b.binary[(random >> 8) % b.binary.size()];
-        byte = static_cast<char>(byte ^ (1 << (random & 7)));
-      }
-      const auto scene = import_bytes(b.glb());
-      if (!scene) {
-        EXPECT_EQ(scene.error().code, "invalid_scene") << scene.error().message;
-        ++refused;
-        continue;
-      }
-      for (const auto& t : scene->triangles)
-        for (const std::uint32_t v : t) ASSERT_LT(v, scene->positions.size());
-    }
-    EXPECT_GT(refused, 10u);
+    expect_harmless_when_damaged(good, {"invalid_scene"});
   }
 }
 

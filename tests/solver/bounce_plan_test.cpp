@@ -15,14 +15,20 @@ class Room {
   explicit Room(double ratio) : ratio_(ratio), done_{pass(1, 1), pass(1, 0)} {}
 
   const std::vector<proto::PassReport>& done() const { return done_; }
-  std::uint32_t first() const { return 2; }
+  BouncePlan plan(std::uint32_t bounces, float tolerance, const DirectionSet& set) const {
+    proto::SolverSettings settings;
+    settings.bounces = bounces;
+    settings.tolerance = tolerance;
+    return {settings, set, kFirst};
+  }
   void bounce() {
-    const double added = std::pow(ratio_, double(done_.size() - first() + 1));
+    const double added = std::pow(ratio_, double(done_.size() - kFirst + 1));
     light_ += added;
     done_.push_back(pass(light_, added / light_));
   }
 
  private:
+  static constexpr std::uint32_t kFirst = 2;  // passes before the first bounce
   static proto::PassReport pass(double mean_lx, double residual) {
     proto::PassReport p;
     p.mean_lx = mean_lx, p.residual = residual;
@@ -34,12 +40,9 @@ class Room {
 };
 
 TEST(BouncePlan, TheLastBounceStandsForAllThatAreLeftOut) {
-  proto::SolverSettings settings;
-  settings.bounces = 100;
-  settings.tolerance = 1e-3f;
   const DirectionSet set(0, 256, false);
   Room room(0.5);
-  const BouncePlan plan(settings, set, room.first());
+  const BouncePlan plan = room.plan(100, 1e-3f, set);
   double light = 1;
   BouncePlan::Bounce bounce;
   std::uint32_t count = 0;
@@ -54,12 +57,9 @@ TEST(BouncePlan, TheLastBounceStandsForAllThatAreLeftOut) {
 }
 
 TEST(BouncePlan, TheLimitEndsIt) {
-  proto::SolverSettings settings;
-  settings.bounces = 3;
-  settings.tolerance = 0;
   const DirectionSet set(0, 256, false);
   Room room(0.9);
-  const BouncePlan plan(settings, set, room.first());
+  const BouncePlan plan = room.plan(3, 0, set);
   for (int i = 0; i < 3; ++i) {
     const BouncePlan::Bounce bounce = plan.next(room.done());
     EXPECT_FALSE(bounce.stands_for_others);
@@ -71,12 +71,9 @@ TEST(BouncePlan, TheLimitEndsIt) {
 }
 
 TEST(BouncePlan, FewerHitsAreReadTheLessIsAtStake) {
-  proto::SolverSettings settings;
-  settings.bounces = 100;
-  settings.tolerance = 1e-9f;
   const DirectionSet set(0, 256, false);
   Room room(0.5);
-  const BouncePlan plan(settings, set, room.first());
+  const BouncePlan plan = room.plan(100, 1e-9f, set);
   std::vector<std::uint32_t> read;
   for (int i = 0; i < 12; ++i) {
     read.push_back(plan.next(room.done()).directions);
@@ -86,7 +83,7 @@ TEST(BouncePlan, FewerHitsAreReadTheLessIsAtStake) {
   // Packets of a coherent set are parts of the hemisphere: all of them are needed.
   const DirectionSet coherent(0, 256, true);
   ASSERT_TRUE(coherent.coherent);
-  EXPECT_EQ(BouncePlan(settings, coherent, room.first()).next(room.done()).directions, 256u);
+  EXPECT_EQ(room.plan(100, 1e-9f, coherent).next(room.done()).directions, 256u);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "baker/output/lit/document.h"
+#include "baker/scene/component.h"
 
 namespace kiln::baker {
 namespace {
@@ -45,22 +46,6 @@ std::optional<std::uint64_t> count_at(const Json& object, const char* key, std::
   if (!object.is_object()) return std::nullopt;
   const auto found = object.find(key);
   return found == object.end() ? std::optional(missing) : as_count(*found);
-}
-
-std::uint32_t component_bytes(std::uint64_t type) {
-  switch (type) {
-    case 5120:
-    case 5121:
-      return 1;
-    case 5122:
-    case 5123:
-      return 2;
-    case 5125:
-    case 5126:
-      return 4;
-    default:
-      return 0;
-  }
 }
 
 std::uint32_t component_count(std::string_view type) {

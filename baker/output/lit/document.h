@@ -83,8 +83,7 @@ std::optional<std::uint64_t> count_at(const Json& object, const char* key, std::
 /// object["extensions"], made where there are none.
 Json& extensions_of(Json& object);
 
-/// Bytes and components of a glTF component type and element type; 0 for unknown ones.
-std::uint32_t component_bytes(std::uint64_t component_type);
+/// Components of a glTF element type; 0 for unknown ones.
 std::uint32_t component_count(std::string_view type);
 
 }  // namespace kiln::baker
