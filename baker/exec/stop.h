@@ -21,6 +21,19 @@ class StopPoll {
   std::uint32_t calls_ = 0;
 };
 
+/// values.resize(size) piece by piece, since filling gigabytes takes seconds. False when stopped:
+/// the vector then has any size up to that. Requires that it does not shrink.
+template <class T>
+bool grow_unless_stopped(std::vector<T>& values, std::size_t size, const std::stop_token& stop) {
+  constexpr std::size_t kPiece = std::max<std::size_t>((std::size_t(4) << 20) / sizeof(T), 1);
+  values.reserve(size);
+  while (values.size() < size) {
+    if (stop.stop_requested()) return false;
+    values.resize(values.size() + std::min(kPiece, size - values.size()));
+  }
+  return true;
+}
+
 /// std::stable_sort by merging sorted runs, so that a stop request is seen between two of them.
 /// False when stopped: the order is then anything.
 template <class T, class Less>

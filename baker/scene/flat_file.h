@@ -1,9 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <cstring>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -57,11 +59,28 @@ class FlatFile {
   /// The records of a section; the file's may lie unaligned. Requires the size that open() checked.
   template <class T>
   std::vector<T> records(std::size_t section) const {
-    static_assert(std::is_trivially_copyable_v<T>);
-    const std::string_view from = sections_[section];
-    std::vector<T> out(from.size() / sizeof(T));
-    if (!out.empty()) std::memcpy(static_cast<void*>(out.data()), from.data(), from.size());
+    std::vector<T> out;
+    copy_records(section, out, {});
     return out;
+  }
+  /// The same of a section that may hold gigabytes, into an empty vector. False when stopped: it
+  /// then holds the first of them.
+  template <class T>
+  bool copy_records(std::size_t section, std::vector<T>& out, const std::stop_token& stop) const {
+    static_assert(std::is_trivially_copyable_v<T>);
+    constexpr std::size_t kPiece = std::max<std::size_t>((std::size_t(1) << 20) / sizeof(T), 1);
+    const std::string_view from = sections_[section];
+    const std::size_t count = from.size() / sizeof(T);
+    out.reserve(count);
+    for (std::size_t done = 0; done < count;) {
+      if (stop.stop_requested()) return false;
+      const std::size_t piece = std::min(kPiece, count - done);
+      out.resize(done + piece);  // what it writes is still in the cache when the copy comes
+      std::memcpy(static_cast<void*>(out.data() + done), from.data() + done * sizeof(T),
+                  piece * sizeof(T));
+      done += piece;
+    }
+    return true;
   }
 
  private:

@@ -161,27 +161,29 @@ class Reader {
   Reader(const FlatFile& file, std::stop_token stop) : file_(file), stop_(stop), stopped_(stop) {}
 
   Expected<Scene> read() {
-    if (stop_.stop_requested()) return canceled();
-    copy_arrays();
-    for (const auto step :
-         {&Reader::read_materials, &Reader::read_instances, &Reader::read_vertices,
-          &Reader::read_triangles, &Reader::read_sky, &Reader::read_lights, &Reader::read_warnings})
+    for (const auto step : {&Reader::copy_arrays, &Reader::read_materials, &Reader::read_instances,
+                            &Reader::read_vertices, &Reader::read_triangles, &Reader::read_sky,
+                            &Reader::read_lights, &Reader::read_warnings})
       if (auto ok = (this->*step)(); !ok) return proto::Unexpected(ok.error());
     if (text_at_ != file_.bytes(kText).size()) return bad_flat_file("it has text that nobody owns");
     return std::move(scene_);
   }
 
  private:
-  void copy_arrays() {
-    scene_.positions = file_.records<Vec3>(kPositions);
-    scene_.normals = file_.records<Vec3>(kNormals);
-    scene_.base_uv = file_.records<Vec2>(kBaseUv);
-    scene_.emission_uv = file_.records<Vec2>(kEmissionUv);
-    scene_.lightmap_uv = file_.records<Vec2>(kLightmapUv);
-    scene_.colors = file_.records<Color>(kColors);
-    scene_.source_vertex = file_.records<std::uint32_t>(kSourceVertex);
-    scene_.triangles = file_.records<Triangle>(kTriangles);
-    scene_.image_texels = file_.records<Texel>(kTexels);
+  Expected<void> copy_arrays() {
+    const bool all = copy(kPositions, scene_.positions) && copy(kNormals, scene_.normals) &&
+                     copy(kBaseUv, scene_.base_uv) && copy(kEmissionUv, scene_.emission_uv) &&
+                     copy(kLightmapUv, scene_.lightmap_uv) && copy(kColors, scene_.colors) &&
+                     copy(kSourceVertex, scene_.source_vertex) &&
+                     copy(kTriangles, scene_.triangles) && copy(kTexels, scene_.image_texels) &&
+                     copy(kSkyTexels, scene_.sky_map.texels);
+    if (!all || stop_.stop_requested()) return canceled();
+    return {};
+  }
+
+  template <class T>
+  bool copy(Section section, std::vector<T>& to) const {
+    return file_.copy_records(section, to, stop_);
   }
 
   Expected<void> read_materials() {
@@ -302,7 +304,6 @@ class Reader {
   Expected<void> read_sky() {
     SkyMap& map = scene_.sky_map;
     const auto records = file_.records<SkyRecord>(kSky);
-    map.texels = file_.records<Rgb>(kSkyTexels);
     if (records.size() > 1 || records.empty() != map.empty()) return bad("the sky map");
     if (records.empty()) return {};
     map.width = records[0].width;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <optional>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/sky_decoder.h"
@@ -109,7 +110,7 @@ Expected<void> load_sky_map(Document& document, Scene& scene, const std::string&
   SkyMap& map = scene.sky_map;
   map.width = file->size.width;
   map.height = file->size.height;
-  map.texels.resize(pixels);
+  if (!grow_unless_stopped(map.texels, pixels, stop)) return canceled();
   const auto decoded =
       (file->exr ? decode_exr : decode_hdr)(file->bytes, file->size, map.texels, stop);
   if (!decoded && decoded.error().code == proto::kCanceledCode) return decoded;

@@ -1,8 +1,14 @@
 // A stop request is seen within a second, wherever the import is.
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
+#include <array>
 #include <cmath>
 
+#include "baker/exec/stop.h"
+#include "baker/scene/flat_file.h"
+#include "proto/files.h"
 #include "scene/import_helpers.h"
 #include "support/sanitizer.h"
 #include "support/stop_timing.h"
@@ -78,6 +84,62 @@ TEST(Stop, TwoMillionTrianglesWithoutNormals) {
 
 TEST(Stop, ALargeDocument) {
   expect_quick_stops_of_import(many_nodes());
+}
+
+/// Whether a stop ever leaves `fill` with a part of what it takes without: fill(stop) gives how
+/// many elements are there.
+template <class Fill>
+bool is_heard_midway(Fill fill) {
+  constexpr int kTries = 100;
+  const auto start = test::StopClock::now();
+  const std::size_t all = fill(std::stop_token());
+  const auto whole = test::StopClock::now() - start;
+  for (int i = 0; i < kTries; ++i) {
+    std::stop_source source;
+    std::jthread stopper([&] {
+      std::this_thread::sleep_for(whole * i / kTries);
+      source.request_stop();
+    });
+    const std::size_t there = fill(source.get_token());
+    if (there > 0 && there < all) return true;
+  }
+  return false;
+}
+
+// A sky map of 2^28 pixels has 3 GiB: making room for it takes as long as its memory is written.
+TEST(Stop, GrowingALargeVector) {
+  constexpr std::size_t kCount = std::size_t(48) << 20;
+  std::vector<char> few{1, 2};
+  EXPECT_TRUE(grow_unless_stopped(few, 5, {}));
+  EXPECT_EQ(few, (std::vector<char>{1, 2, 0, 0, 0}));
+  std::vector<char> many;
+  EXPECT_TRUE(grow_unless_stopped(many, kCount + 1, {}));
+  EXPECT_EQ(many.size(), kCount + 1);
+  EXPECT_TRUE(is_heard_midway([&](const std::stop_token& stop) {
+    std::vector<char> values;
+    grow_unless_stopped(values, kCount, stop);
+    return values.size();
+  }));
+}
+
+TEST(Stop, CopyingALargeArrayOfAFile) {
+  const FlatHeader header{FlatKind::kScene, 1, std::string(64, 'k')};
+  std::vector<Rgb> numbers(4'000'001);
+  for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i].g = float(i);
+  const std::array<FlatSection, 2> sections{FlatSection{1, "1"}, flat_section(numbers)};
+  const kiln::proto::Fd fd(::memfd_create("flat", MFD_CLOEXEC));
+  ASSERT_TRUE(write_flat(fd.get(), header, sections));
+  std::string bytes(std::size_t(::lseek(fd.get(), 0, SEEK_END)), '\0');
+  ASSERT_EQ(::pread(fd.get(), bytes.data(), bytes.size(), 0), ssize_t(bytes.size()));
+  const std::array<std::uint32_t, 2> sizes{1, sizeof(Rgb)};
+  const auto file = FlatFile::open(bytes, header, sizes);
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_TRUE(file->records<Rgb>(1) == numbers);
+  EXPECT_TRUE(is_heard_midway([&](const std::stop_token& stop) {
+    std::vector<Rgb> values;
+    file->copy_records(1, values, stop);
+    return values.size();
+  }));
 }
 
 }  // namespace
