@@ -97,7 +97,8 @@ void append(std::vector<T>& to, const std::optional<AccessorView>& view,
 }
 
 std::optional<AccessorView> uv_set(const PrimitiveSource& source, std::uint32_t set) {
-  return set < source.uv_sets.size() ? source.uv_sets[set] : std::nullopt;
+  const auto found = source.uv_sets.find(set);
+  return found == source.uv_sets.end() ? std::nullopt : std::optional(found->second);
 }
 
 /// Texture coordinates of one texture for each vertex of a part.
@@ -125,7 +126,7 @@ void append_part(Scene& scene, Import& import, const PrimitiveSource& source, Wo
   part.vertex_count = static_cast<std::uint32_t>(world.positions.size());
   part.first_triangle = static_cast<std::uint32_t>(scene.triangles.size());
   part.triangle_count = static_cast<std::uint32_t>(world.triangles.size());
-  part.has_lightmap_uv = source.uv_sets.size() > 1;
+  part.has_lightmap_uv = source.uv_sets.contains(1);
   const MaterialSource& m = import.materials.at(material);
   const auto& vertices = world.source_vertex;
   append_uv(scene.base_uv, import, source, vertices, m.base_uv, m.material.base_texture.image >= 0);

@@ -1,6 +1,9 @@
 #include "baker/scene/primitive_source.h"
 
 #include <algorithm>
+#include <charconv>
+#include <set>
+#include <string_view>
 
 #include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
@@ -71,6 +74,33 @@ class AttributeReader {
   std::optional<std::uint64_t> count_;
 };
 
+/// The n of all TEXCOORD_n, ascending.
+std::set<std::uint32_t> texcoord_sets(const tinygltf::Primitive& primitive) {
+  constexpr std::string_view kPrefix = "TEXCOORD_";
+  std::set<std::uint32_t> out;
+  for (const auto& [name, accessor] : primitive.attributes) {
+    if (!name.starts_with(kPrefix)) continue;
+    const std::string_view number = std::string_view(name).substr(kPrefix.size());
+    std::uint32_t set = 0;
+    std::from_chars(number.data(), number.data() + number.size(), set);
+    if (number == std::to_string(set)) out.insert(set);
+  }
+  return out;
+}
+
+/// Sets must be numbered from 0 without gaps [glTF 2.0, 3.7.2.1]; exporters that drop a first set
+/// that nothing reads leave the lightmap's behind as TEXCOORD_1, and it is clear what is meant.
+void warn_of_gap(const PrimitiveSource& source, Document& document) {
+  std::uint32_t next = 0;
+  for (const auto& [set, view] : source.uv_sets) {
+    if (set != next++)
+      return document.warnings.add("texcoord_gap", source.pointer + "/attributes",
+                                   "there is a TEXCOORD_" + std::to_string(set) +
+                                       " but no TEXCOORD_" + std::to_string(next - 1) +
+                                       ", which glTF does not allow: it is used all the same");
+  }
+}
+
 Expected<void> open_attributes(PrimitiveSource& out, Document& document, Accessors& accessors,
                                const tinygltf::Primitive& primitive) {
   AttributeReader reader(document, accessors, primitive, out.pointer);
@@ -83,11 +113,12 @@ Expected<void> open_attributes(PrimitiveSource& out, Document& document, Accesso
   const auto colors = reader.open("COLOR_0", 3, 4, kUnit);
   if (!colors) return Unexpected(colors.error());
   out.colors = *colors;
-  for (int set = 0; primitive.attributes.contains("TEXCOORD_" + std::to_string(set)); ++set) {
+  for (const std::uint32_t set : texcoord_sets(primitive)) {
     const auto uv = reader.open("TEXCOORD_" + std::to_string(set), 2, 2, kUnit);
     if (!uv) return Unexpected(uv.error());
-    out.uv_sets.push_back(*uv);
+    out.uv_sets.emplace(set, **uv);
   }
+  warn_of_gap(out, document);
   return {};
 }
 

@@ -2,10 +2,10 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <stop_token>
 #include <string>
-#include <vector>
 
 #include "baker/scene/accessors.h"
 
@@ -33,7 +33,7 @@ struct PrimitiveSource {
   std::optional<AccessorView> indices;  ///< each within `positions`
   AccessorView positions;
   std::optional<AccessorView> normals, colors;
-  std::vector<std::optional<AccessorView>> uv_sets;  ///< TEXCOORD_n
+  std::map<std::uint32_t, AccessorView> uv_sets;  ///< by n of TEXCOORD_n; may have gaps
   std::uint64_t triangle_count = 0;
   std::uint64_t vertex_bound = 0;  ///< at most as many vertices come of placing it
 

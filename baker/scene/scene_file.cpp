@@ -16,7 +16,7 @@ namespace {
 using proto::Expected;
 
 /// To be raised when the layout changes, or what an import makes of the same bytes.
-constexpr std::uint32_t kVersion = 3;
+constexpr std::uint32_t kVersion = 4;
 
 constexpr float kMaxCoordinate = 1e9f;
 

@@ -247,6 +247,18 @@ TEST(LitGeometry, ALightmapUvThatFitsIsLeftAlone) {
   EXPECT_EQ(lit.json["accessors"].size(), g.json["accessors"].size());
 }
 
+TEST(LitGeometry, ALightmapUvWithoutAFirstSetGetsOne) {
+  const TempFolder folder;
+  GltfFile g = square();
+  auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
+  attributes.erase("TEXCOORD_0");
+  attributes["TEXCOORD_1"] = g.floats({0, 0, 1, 0, 1, 1, 0, 1}, "VEC2", 2);
+  const GlbReader lit = light(folder, g, Layout::kSource);
+  Json expected = attributes;
+  expected["TEXCOORD_0"] = expected["TEXCOORD_1"];
+  EXPECT_EQ(primitive(lit)["attributes"], expected);
+}
+
 TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
   const TempFolder folder;
   GltfFile g = square();

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "scene/import_helpers.h"
+#include "support/png_builder.h"
 
 namespace kiln::baker {
 namespace {
@@ -174,6 +175,46 @@ TEST(Geometry, SparseAccessorReplacesElements) {
   GltfBuilder b = triangle_builder();
   make_sparse(b, 0, 2, {0, 2, 0});
   EXPECT_EQ(corners(imported(b)), (std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {0, 2, 0}}));
+}
+
+/// A triangle with the given sets, whose u is a hundredth of the set's number.
+Scene with_uv_sets(const std::vector<int>& sets, int texture_reads = -1) {
+  GltfBuilder b;
+  nlohmann::json attributes = {{"POSITION", b.accessor(triangle_positions(), 3)}};
+  for (const int set : sets) {
+    const float u = float(set) / 100;
+    attributes["TEXCOORD_" + std::to_string(set)] =
+        b.accessor(std::vector<float>{u, 0, u, 1, u, 0.5f}, 2);
+  }
+  nlohmann::json primitive = {{"attributes", attributes}};
+  if (texture_reads >= 0) {
+    b.add("textures",
+          {{"source", b.image(test::PngBuilder::encode(1, 1, 8, 2, "\x80\x80\x80"), "image/png")}});
+    primitive["material"] =
+        b.add("materials", {{"pbrMetallicRoughness",
+                             {{"baseColorTexture", {{"index", 0}, {"texCoord", texture_reads}}}}}});
+  }
+  b.node({{"mesh", b.mesh(primitive)}});
+  return imported(b);
+}
+
+// glTF wants sets without gaps, but exporters that drop a first set that no texture reads leave the
+// lightmap's where it was.
+TEST(Geometry, TextureCoordinatesWithGapsAreUsedAndTold) {
+  for (const auto& sets : {std::vector{1}, {1, 2}, {1, 12}}) {
+    const Scene scene = with_uv_sets(sets);
+    EXPECT_TRUE(scene.parts.at(0).has_lightmap_uv);
+    EXPECT_EQ(scene.lightmap_uv, (std::vector<Vec2>{{0.01f, 0}, {0.01f, 1}, {0.01f, 0.5f}}));
+    ASSERT_EQ(warning_codes(scene), std::vector<std::string>{"texcoord_gap"});
+    EXPECT_EQ(scene.warnings[0].pointer, "/meshes/0/primitives/0/attributes");
+    EXPECT_NE(scene.warnings[0].message.find("TEXCOORD_1 but no TEXCOORD_0"), std::string::npos);
+  }
+  const Scene far = with_uv_sets({0, 1, 12, 2}, 12);
+  EXPECT_EQ(far.base_uv.at(1), (Vec2{0.12f, 1}));
+  ASSERT_EQ(warning_codes(far), std::vector<std::string>{"texcoord_gap"});
+  EXPECT_NE(far.warnings[0].message.find("TEXCOORD_12 but no TEXCOORD_3"), std::string::npos);
+  EXPECT_TRUE(with_uv_sets({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10}).warnings.empty());
+  EXPECT_FALSE(with_uv_sets({0, 2}).parts.at(0).has_lightmap_uv);
 }
 
 TEST(Geometry, AccessorWithoutBufferViewIsZeroButForSparseElements) {
