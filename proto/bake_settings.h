@@ -19,6 +19,8 @@ enum class Unwrap {
 };
 
 struct AtlasSettings {
+  static constexpr std::uint32_t kMostPageSize = 16384, kMostPages = 64;
+
   std::uint32_t page_size = 1024;         ///< texels along one side of a page
   std::uint32_t max_pages = 8;            ///< error `atlas_full` beyond
   std::optional<float> texels_per_metre;  ///< null: the density that fills one page

@@ -93,10 +93,12 @@ const std::vector<SettingGroup>& setting_groups() {
 const std::vector<SettingRow<BakeSettings>>& setting_rows() {
   static const std::vector<SettingRow<BakeSettings>> rows{
       row<[](auto& s) -> auto& { return s.atlas.page_size; }>(
-          {.path = "atlas.page_size", .kind = kInteger, .min = 16, .max = 16384, .unit = "texels",
+          {.path = "atlas.page_size", .kind = kInteger, .min = 16,
+           .max = AtlasSettings::kMostPageSize, .unit = "texels",
            .description = "Length of a page's side."}),
       row<[](auto& s) -> auto& { return s.atlas.max_pages; }>(
-          {.path = "atlas.max_pages", .kind = kInteger, .min = 1, .max = 64, .unit = "pages",
+          {.path = "atlas.max_pages", .kind = kInteger, .min = 1,
+           .max = AtlasSettings::kMostPages, .unit = "pages",
            .description = "A scene that needs more pages is the error atlas_full."}),
       row<[](auto& s) -> auto& { return s.atlas.texels_per_metre; }>(
           {.path = "atlas.texels_per_metre", .kind = kNumber, .min = 1e-6, .max = 1e5,

@@ -1,6 +1,7 @@
 #include "baker/atlas/atlas.h"
 
 #include <algorithm>
+#include <bit>
 #include <functional>
 #include <numeric>
 #include <tuple>
@@ -77,6 +78,9 @@ class AtlasBuilder {
     if (!finish()) return stopped();
     return std::move(atlas_);
   }
+
+  /// When build() gave `atlas_full`.
+  Remedy remedy() const { return find_remedy(blocks_, settings_, stop_); }
 
  private:
   bool keeps(std::uint32_t instance) const { return !source_.empty() && source_[instance].valid; }
@@ -314,11 +318,59 @@ class AtlasBuilder {
   std::vector<std::uint32_t> vertex_chart_;
 };
 
+bool is_full(const proto::Expected<Atlas>& atlas) {
+  return !atlas && atlas.error().code == "atlas_full";
+}
+
+/// The least page size from `first` on, by doubling, that is large enough; 0: none. Charts are cut
+/// by the size of a texel: only making them tells.
+std::uint32_t find_page_size(const Scene& scene, proto::AtlasSettings settings, std::uint32_t first,
+                             const std::stop_token& stop) {
+  constexpr std::uint32_t kMost = proto::AtlasSettings::kMostPageSize;
+  for (std::uint32_t size = first; size > 0 && size <= kMost; size *= 2) {
+    settings.page_size = size;
+    if (!is_full(AtlasBuilder(scene, settings, stop).build())) return size;
+  }
+  return 0;
+}
+
+/// What to change, for the end of the message: "; atlas.page_size 512 or atlas.max_pages 12 would
+/// do".
+std::string advice(const Scene& scene, proto::AtlasSettings settings, Remedy remedy,
+                   const std::stop_token& stop) {
+  remedy.page_size = find_page_size(scene, settings, remedy.page_size, stop);
+  std::string text;
+  if (remedy.page_size == 0 && remedy.max_pages == 0 && settings.texels_per_metre) {
+    settings.texels_per_metre.reset();
+    remedy.page_size = find_page_size(scene, settings, std::bit_ceil(settings.page_size), stop);
+    text = "without atlas.texels_per_metre, ";
+  }
+  const std::string pages = "atlas.max_pages " + std::to_string(remedy.max_pages),
+                    size = "atlas.page_size " + std::to_string(remedy.page_size);
+  if (remedy.page_size > 0 && remedy.max_pages > 0)
+    return "; " + size + " or " + pages + " would do";
+  if (remedy.page_size > 0) return "; " + text + size + " would do";
+  if (remedy.max_pages > 0) return "; " + pages + " would do";
+  return settings.gutter > 0 ? "; a smaller atlas.gutter may help" : "";
+}
+
 }  // namespace
 
 proto::Expected<Atlas> build_atlas(const Scene& scene, const proto::AtlasSettings& settings,
                                    std::stop_token stop) {
-  return AtlasBuilder(scene, settings, std::move(stop)).build();
+  Remedy remedy;
+  auto atlas = [&] {
+    AtlasBuilder builder(scene, settings, stop);
+    auto built = builder.build();
+    if (is_full(built)) remedy = builder.remedy();
+    return built;
+  }();
+  if (!is_full(atlas)) return atlas;
+  proto::Error error = atlas.error();
+  error.message += advice(scene, settings, remedy, stop);
+  if (stop.stop_requested()) return stopped();
+  for (auto& place : error.details) place.detail = error.message;
+  return proto::Unexpected(std::move(error));
 }
 
 }  // namespace kiln::baker

@@ -1,6 +1,7 @@
 #include "baker/atlas/layout.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -174,8 +175,7 @@ proto::Unexpected too_many_blocks(const Packer& packer, const proto::AtlasSettin
   return proto::fail("atlas_full",
                      std::to_string(packer.block_count()) + " charts with a gutter of " +
                          std::to_string(s.gutter) + " do not fit " + pages_text(s) +
-                         ", even at one texel each: raise atlas.page_size or atlas.max_pages, or "
-                         "lower atlas.gutter (the charts of one node must share a page)",
+                         ", even at one texel each",
                      "settings", "/atlas/page_size");
 }
 
@@ -210,6 +210,27 @@ proto::Expected<Layout> lay_out_blocks(std::span<const Block> blocks,
   if (stop.stop_requested()) return stopped();
   if (!layout) return too_many_blocks(packer, settings);
   return std::move(*layout);
+}
+
+Remedy find_remedy(std::span<const Block> blocks, const proto::AtlasSettings& settings,
+                   std::stop_token stop) {
+  const auto packed = [&](const proto::AtlasSettings& tried) {
+    Packer packer(blocks, tried, stop);
+    const auto wanted = tried.texels_per_metre;
+    return packer.pack(wanted ? double(*wanted) : packer.least_density(), tried.max_pages);
+  };
+  Remedy remedy;
+  proto::AtlasSettings more = settings;
+  more.max_pages = proto::AtlasSettings::kMostPages;
+  if (const auto layout = packed(more)) remedy.max_pages = layout->pages;
+  proto::AtlasSettings larger = settings;
+  larger.page_size = std::bit_ceil(settings.page_size + 1);
+  for (; larger.page_size <= proto::AtlasSettings::kMostPageSize; larger.page_size *= 2) {
+    if (!packed(larger)) continue;
+    remedy.page_size = larger.page_size;
+    break;
+  }
+  return remedy;
 }
 
 }  // namespace kiln::baker::atlas_detail

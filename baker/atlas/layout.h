@@ -35,4 +35,13 @@ struct Layout {
 proto::Expected<Layout> lay_out_blocks(std::span<const Block>, const proto::AtlasSettings&,
                                        std::stop_token);
 
+/// Which change of one setting alone would let lay_out_blocks() succeed; 0 where none would.
+struct Remedy {
+  std::uint32_t page_size = 0;  ///< the least power of two
+  std::uint32_t max_pages = 0;  ///< the least
+};
+
+/// For blocks that were refused as `atlas_full`. Blocks that another page size gave may differ.
+Remedy find_remedy(std::span<const Block>, const proto::AtlasSettings&, std::stop_token);
+
 }  // namespace kiln::baker::atlas_detail

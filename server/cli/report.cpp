@@ -13,8 +13,7 @@ namespace {
 
 using Hint = std::pair<std::string_view, std::string_view>;
 
-constexpr std::array<Hint, 13> kHints{{
-    {"atlas_full", "raise atlas.max_pages or atlas.page_size, or lower atlas.texels_per_metre"},
+constexpr std::array<Hint, 12> kHints{{
     {"bad_document", "check the address given with --server"},
     {"draining", "the service is shutting down: try again when it is back"},
     {"invalid_config", "`lightkiln serve --help` lists flags, variables and keys"},

@@ -167,11 +167,71 @@ TEST(Unwrap, DensityFillsPagesAsNeeded) {
   EXPECT_EQ(unwrap(scene, settings).page_count, 2u);
 }
 
-TEST(Unwrap, TooManyChartsIsAnError) {
-  const auto atlas = build_atlas(SceneBuilder().part(soup(2000)).build(), page(64));
+/// The number behind `name` in the error of an atlas that is too small; 0 where it has none.
+std::uint32_t advised(const Scene& scene, const AtlasSettings& settings, const std::string& name) {
+  const auto refused = build_atlas(scene, settings);
+  EXPECT_FALSE(refused);
+  if (refused) return 0;
+  EXPECT_EQ(refused.error().code, "atlas_full");
+  EXPECT_EQ(refused.error().details.at(0).detail, refused.error().message);
+  const auto at = refused.error().message.rfind("; ");
+  const auto found = refused.error().message.find(name + " ", at);
+  return found == std::string::npos
+             ? 0
+             : std::uint32_t(std::stoul(refused.error().message.substr(found + name.size())));
+}
+
+bool fits(const Scene& scene, AtlasSettings settings, std::uint32_t page_size,
+          std::uint32_t max_pages) {
+  settings.page_size = page_size;
+  settings.max_pages = max_pages;
+  return bool(build_atlas(scene, settings));
+}
+
+TEST(Unwrap, TooManyChartsIsAnErrorThatSaysWhatWouldDo) {
+  const Scene scene = SceneBuilder().part(soup(2000)).build();
+  const auto atlas = build_atlas(scene, page(64));
   ASSERT_FALSE(atlas);
-  EXPECT_EQ(atlas.error().code, "atlas_full");
   EXPECT_NE(atlas.error().message.find("2000 charts"), std::string::npos);
+  // All of one node, so that more pages are of no use.
+  EXPECT_EQ(advised(scene, page(64), "atlas.max_pages"), 0u);
+  EXPECT_EQ(advised(scene, page(64), "atlas.page_size"), 256u);
+  EXPECT_TRUE(fits(scene, page(64), 256, 8));
+  EXPECT_FALSE(fits(scene, page(64), 128, 8));
+}
+
+TEST(Unwrap, AnErrorNamesTheFewestPagesThatWouldDo) {
+  SceneBuilder builder;
+  for (int i = 0; i < 40; ++i) builder.instance().part(soup(10), 0, {12.f * float(i), 0, 0});
+  const Scene scene = builder.build();
+  AtlasSettings settings = page(64);
+  for (const std::optional<float> density : {std::optional<float>(), {2.f}, {20.f}}) {
+    settings.texels_per_metre = density;
+    settings.max_pages = 1;
+    const auto pages = advised(scene, settings, "atlas.max_pages"),
+               size = advised(scene, settings, "atlas.page_size");
+    ASSERT_GT(pages, 1u);
+    EXPECT_TRUE(fits(scene, settings, 64, pages));
+    EXPECT_FALSE(fits(scene, settings, 64, pages - 1));
+    ASSERT_GT(size, 64u);
+    EXPECT_TRUE(fits(scene, settings, size, 1));
+    EXPECT_FALSE(fits(scene, settings, size / 2, 1));
+  }
+}
+
+TEST(Unwrap, ADensityThatNoPageHoldsIsBestLeftOut) {
+  const Scene scene = SceneBuilder().part(soup(2000)).build();
+  AtlasSettings settings = page(64);
+  settings.texels_per_metre = 1e5f;
+  const auto refused = build_atlas(scene, settings);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("; without atlas.texels_per_metre, atlas.page_size 256"),
+            std::string::npos)
+      << refused.error().message;
+  settings.gutter = 0;
+  settings.page_size = 16;
+  settings.texels_per_metre.reset();
+  EXPECT_EQ(advised(scene, settings, "atlas.page_size"), 64u);
 }
 
 TEST(Unwrap, SpillsOntoMorePagesOnlyWhenOneCannotHoldTheCharts) {
