@@ -112,8 +112,8 @@ Expected<void> unpack_views(Document& document, const json& views, const ImportL
                         at);
     left -= plain;
     auto bytes = std::make_unique<std::string>();
-    if (!decode_meshopt(view, buffer->substr(offset, length), *bytes))
-      return invalid("its data is damaged", at);
+    if (auto why = decode_meshopt(view, buffer->substr(offset, length), *bytes); !why.empty())
+      return invalid(why, at);
     document.unpacked_views.resize(views.size());
     document.unpacked_views[i] = *bytes;
     document.decoded.push_back(std::move(bytes));

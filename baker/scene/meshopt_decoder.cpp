@@ -38,6 +38,20 @@ std::string wrong_stride(const MeshoptView& v) {
   return "";
 }
 
+/// Data begins with a half-byte that tells the mode, and another that tells the version.
+std::string why_broken(const MeshoptView& v, std::string_view packed) {
+  const bool attributes = v.mode == "ATTRIBUTES";
+  const unsigned mode = attributes              ? 0xau
+                        : v.mode == "TRIANGLES" ? 0xeu
+                                                : 0xdu,
+                 last_version = attributes ? 0u : 1u;
+  const unsigned first = packed.empty() ? 0u : static_cast<unsigned char>(packed[0]);
+  if (first >> 4 == mode && (first & 15u) > last_version)
+    return "its data has version " + std::to_string(first & 15u) +
+           " of the format, which EXT_meshopt_compression does not have";
+  return "its data is damaged";
+}
+
 }  // namespace
 
 std::string wrong_with(const MeshoptView& v, std::uint64_t packed_bytes, std::uint64_t plain_bytes,
@@ -51,14 +65,15 @@ std::string wrong_with(const MeshoptView& v, std::uint64_t packed_bytes, std::ui
   return "";
 }
 
-bool decode_meshopt(const MeshoptView& v, std::string_view packed, std::string& plain) {
+std::string decode_meshopt(const MeshoptView& v, std::string_view packed, std::string& plain) {
   plain.assign(v.bytes(), '\0');
   const auto* from = reinterpret_cast<const unsigned char*>(packed.data());
-  if (decoder_of(v.mode)(plain.data(), v.count, v.stride, from, packed.size()) != 0) return false;
+  if (decoder_of(v.mode)(plain.data(), v.count, v.stride, from, packed.size()) != 0)
+    return why_broken(v, packed);
   if (v.filter == "OCTAHEDRAL") meshopt_decodeFilterOct(plain.data(), v.count, v.stride);
   if (v.filter == "QUATERNION") meshopt_decodeFilterQuat(plain.data(), v.count, v.stride);
   if (v.filter == "EXPONENTIAL") meshopt_decodeFilterExp(plain.data(), v.count, v.stride);
-  return true;
+  return "";
 }
 
 }  // namespace kiln::baker

@@ -21,7 +21,7 @@ std::string wrong_with(const MeshoptView&, std::uint64_t packed_bytes, std::uint
                        std::uint64_t plain_stride);
 
 /// The view's bytes, by meshoptimizer, which takes any input. Requires that nothing is wrong with
-/// it. False when the packed bytes are damaged.
-bool decode_meshopt(const MeshoptView&, std::string_view packed, std::string& plain);
+/// it. "", or why the packed bytes can't be decoded.
+std::string decode_meshopt(const MeshoptView&, std::string_view packed, std::string& plain);
 
 }  // namespace kiln::baker

@@ -125,7 +125,7 @@ std::optional<std::string_view> LitDocument::unpack(const Json& view) {
   if (!wrong_with(spec, length, number(view, "byteLength"), number(view, "byteStride")).empty())
     return std::nullopt;
   std::string& plain = decoded_.emplace_back();
-  if (!decode_meshopt(spec, data.substr(offset, length), plain)) return std::nullopt;
+  if (!decode_meshopt(spec, data.substr(offset, length), plain).empty()) return std::nullopt;
   return plain;
 }
 
