@@ -2,6 +2,7 @@
 
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <atomic>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -62,6 +63,12 @@ JobLimits job_limits(const ServerConfig& config, std::shared_ptr<MemoryBudget> m
   return limits;
 }
 
+// What the configuration allows for an import, or what the machine has for it if that is less.
+std::uint64_t import_memory(const ServerConfig& config, const MemoryBudget* memory) {
+  const std::uint64_t most = memory ? memory->for_import() : 0;  // 0: no limit
+  return most > 0 ? std::min(most, config.import_memory_bytes) : config.import_memory_bytes;
+}
+
 }  // namespace
 
 struct Service::Impl {
@@ -88,7 +95,7 @@ struct Service::Impl {
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
         api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
-             pool.size()}),
+             pool.size(), import_memory(config, parts.memory.get())}),
         admin(admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });

@@ -150,7 +150,7 @@ Response Api::get_capabilities(Request& request) {
       {"running_jobs", parts_.config.max_running_jobs},
       {"scene_json_bytes", import.json_bytes},
       {"scene_json_depth", import.json_depth},
-      {"import_memory_bytes", parts_.config.import_memory_bytes},
+      {"import_memory_bytes", parts_.import_memory_bytes},
       {"import_seconds", parts_.config.import_seconds},
       {"nodes", import.nodes},
       {"node_depth", import.node_depth},

@@ -43,6 +43,7 @@ struct ApiParts {
   const Gate& gate;
   CheckFunction check;
   unsigned bake_threads = 1;
+  std::uint64_t import_memory_bytes = 0;  ///< that reading one scene may take; 0: no limit
 };
 
 /// The routes under /v1 (docs/http-api.md). Thread-safe.

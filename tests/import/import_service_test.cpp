@@ -85,7 +85,8 @@ TEST(ImportOfTheService, LimitsOfTheServiceAreToldAndNamed) {
   EXPECT_EQ(member(limits, "import_seconds"), "77");
   EXPECT_EQ(member(limits, "image_pixels"), "1000");
   EXPECT_EQ(member(limits, "memory_bytes"), std::to_string(3ull << 28)) << "that bakes may have";
-  EXPECT_EQ(member(limits, "import_memory_bytes"), std::to_string(4ull << 30));
+  EXPECT_EQ(member(limits, "import_memory_bytes"), std::to_string(896ull << 20))
+      << "what bakes may have, and what is set aside for one import";
   const auto refused =
       curl(job_form(write_scene(folder.path(), "cornell")) + program.url("/v1/jobs"));
   EXPECT_EQ(refused.status, 422);
