@@ -98,7 +98,7 @@ std::map<std::string, Examples> job_examples() {
         {{"application/json", request}, {"multipart/form-data", form}},
         {{"200", done}, {"202", queued}}}},
       {"listJobs",
-       {{{"state", "succeeded"}, {"label", "level:yard"}, {"limit", 10}, {"cursor", 1'000}},
+       {{{"state", "succeeded"}, {"label", "level:yard"}, {"limit", 10}, {"cursor", "1000"}},
         json::object(),
         {{"200", {{"items", json::array({done})}, {"next_cursor", nullptr}}}}}},
       {"getJob",
