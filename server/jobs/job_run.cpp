@@ -224,16 +224,16 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
 }
 
 void JobRun::on_resume(std::uint32_t passes) {
-  log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
   tell_resumed("Goes on after " + std::to_string(passes) + " passes of an earlier attempt.");
+  log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
 }
 
 void JobRun::on_resume_within(const std::string& pass, double share) {
   const int percent = static_cast<int>(100 * share);
-  log_line(LogLevel::kInfo, "job.resumed_within",
-           {{"job", job_.id}, {"pass", pass}, {"percent", percent}});
   tell_resumed("Of the pass '" + pass + "', " + std::to_string(percent) +
                " % are there from an earlier attempt.");
+  log_line(LogLevel::kInfo, "job.resumed_within",
+           {{"job", job_.id}, {"pass", pass}, {"percent", percent}});
 }
 
 void JobRun::tell_resumed(const std::string& text) {

@@ -77,7 +77,7 @@ TEST_F(Log, ASlowClientIsNoSlowRequest) {
   ASSERT_NE(at, std::string::npos) << answer;
   const auto late = last(lines(program, answer.substr(at + 14, answer.find('\r', at) - at - 14)));
   EXPECT_EQ(late.value("event", ""), "request");
-  EXPECT_GE(late.value("ms", 0.0), 600);
+  EXPECT_GE(late.value("ms", 0.0), 400) << "our clock starts before the service's";
   EXPECT_LT(late.value("own_ms", 1e9), 250);
   // Nor is one that its client asked to wait.
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
