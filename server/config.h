@@ -18,7 +18,7 @@ struct ServerConfig {
   std::filesystem::path data =
       "lightkiln-data";                    ///< store, uploads and results; created if missing
   std::uint32_t threads = 0;               ///< of the bakes; 0: one per processor
-  std::uint32_t http_threads = 16;         ///< of requests; event streams hold none
+  std::uint32_t http_threads = 16;         ///< of requests; streams and waits hold none
   std::uint32_t max_connections = 16'384;  ///< open at a time, event streams among them
   std::uint32_t max_connections_per_address = 4096;  ///< of one client or proxy
   std::uint32_t slow_request_ms = 1000;  ///< of the service's own time: then it is logged; 0: never

@@ -129,42 +129,31 @@ struct Service::Impl {
     return true;
   }
 
-  Response counted(Request& request) {
-    const auto began = std::chrono::steady_clock::now();
-    const auto count = [&](int status) {
-      const std::chrono::duration<double> time = std::chrono::steady_clock::now() - began;
-      metrics.request(request.head.method, request.route, status, time.count());
-    };
-    try {
-      Response response = api.handle(request);
-      count(response.status);
-      return response;
-    } catch (...) {
-      count(500);
-      throw;
-    }
-  }
-
   std::string metrics_text() {
     const JobService::Counts jobs_now = jobs.counts();
     return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
-                         hub.dropped(), data.bytes(), data.free_share(), api_server->connections(),
-                         config.memory_budget_bytes, jobs_now.reserved_bytes});
+                         api_server->waiting(), hub.dropped(), data.bytes(), data.free_share(),
+                         api_server->connections(), config.memory_budget_bytes,
+                         jobs_now.reserved_bytes});
   }
 
   proto::Expected<void> listen() {
     const EdgeLimits limits = edge_limits(parts.limits, config);
     const std::chrono::milliseconds slow(config.slow_request_ms);
+    const auto count = [this](const Request& request, int status,
+                              std::chrono::duration<double> time) {
+      metrics.request(request.head.method, request.route, status, time.count());
+    };
     auto main = HttpServer::start(
-        {"api", config.listen, config.port, config.http_threads, limits, slow},
-        [this](Request& request) { return counted(request); }, hub);
+        {"api", config.listen, config.port, config.http_threads, limits, count, slow},
+        [this](Request& request) { return api.handle(request); }, hub);
     if (!main) return proto::Unexpected(main.error());
     api_server = std::move(*main);
     constexpr unsigned kAdminThreads = 2;
     EdgeLimits few = limits;
     few.connections = std::min<std::size_t>(limits.connections, 256);
     auto second = HttpServer::start(
-        {"admin", config.admin_listen, config.admin_port, kAdminThreads, few, slow},
+        {"admin", config.admin_listen, config.admin_port, kAdminThreads, few, {}, slow},
         [this](Request& request) { return admin.route(request); }, hub);
     if (!second) return proto::Unexpected(second.error());
     admin_server = std::move(*second);
@@ -239,7 +228,7 @@ bool Service::wait_idle(std::chrono::milliseconds time) {
 
 void Service::stop(std::chrono::milliseconds grace) {
   begin_drain();
-  impl_->jobs.stop();  // wakes waiting requests too
+  impl_->jobs.stop();
   impl_->webhooks.stop();
   impl_->api_server->stop(grace);
   impl_->hub.stop();

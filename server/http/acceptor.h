@@ -26,7 +26,6 @@ class Acceptor {
   Acceptor& operator=(const Acceptor&) = delete;
 
   std::uint16_t port() const { return port_; }
-  int fd() const { return listener_.get(); }
   void stop();  ///< refuses new connections, and joins
 
  private:

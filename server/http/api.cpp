@@ -18,7 +18,7 @@ Api::Api(ApiParts parts)
     : parts_(std::move(parts)),
       tenant_rate_(parts_.config.max_requests_per_minute_per_tenant),
       token_rate_(parts_.config.max_requests_per_minute_per_token),
-      waits_(std::max<std::ptrdiff_t>(parts_.config.http_threads / 2, 1)) {
+      webhook_tests_(std::max<std::ptrdiff_t>(parts_.config.http_threads / 2, 1)) {
   for (const Route& route : routes())
     router_.add(route.method, route.pattern,
                 [this, handler = route.handler](Request& r) { return (this->*handler)(r); });

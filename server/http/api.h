@@ -97,13 +97,10 @@ class Api {
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
   proto::Expected<SceneUpload> receive_scene(Request&);
   proto::Expected<SceneStore::Put> put_scene(const Request&, SceneUpload&&);
-  /// The job as soon as JobService::wait() has it; as it is when too many requests wait already.
-  struct Waited {
-    proto::Expected<proto::Job> job;
-    bool waited = false;  ///< or there was nothing to wait for
-  };
-  Waited wait_for_job(Request&, proto::Job, std::chrono::seconds,
-                      std::optional<std::uint64_t> since = {});
+  using JobAnswer = std::function<Response(Request&, const proto::Job&)>;
+  /// The answer to a job when it is over, or of another version than `since`; else after the time.
+  Response answer_when_moved(Request&, const proto::Job&, std::chrono::seconds,
+                             std::optional<std::uint64_t> since, JobAnswer);
   /// The job of the request when it has results, else why not.
   proto::Expected<proto::Job> find_finished(const Request&) const;
   proto::Expected<std::shared_ptr<const proto::Fd>> open_result(const std::string& id,
@@ -121,7 +118,7 @@ class Api {
   const ApiParts parts_;
   Router router_;
   RateLimiter tenant_rate_, token_rate_;
-  std::counting_semaphore<> waits_;  ///< requests that may sleep at a time: half the threads
+  std::counting_semaphore<> webhook_tests_;  ///< at a time: half the threads
   std::counting_semaphore<> previews_{2};
 };
 

@@ -88,20 +88,20 @@ Response Api::list_jobs(Request& request) {
       .header("Link", "<" + page_link(*filter, *page.next) + ">; rel=\"next\"");
 }
 
-// A waiting request holds a thread, so only half of them may wait; the others are answered at once.
-Api::Waited Api::wait_for_job(Request& request, proto::Job job, std::chrono::seconds time,
-                              std::optional<std::uint64_t> since) {
+Response Api::answer_when_moved(Request& request, const proto::Job& job, std::chrono::seconds time,
+                                std::optional<std::uint64_t> since, JobAnswer answer) {
   if (time.count() == 0 || proto::is_terminal(job.state) || (since && *since != job.version))
-    return {std::move(job), true};
-  if (!waits_.try_acquire()) return {std::move(job), false};
-  const struct Release {
-    std::counting_semaphore<>& slots;
-    ~Release() { slots.release(); }
-  } release{waits_};
-  const auto began = std::chrono::steady_clock::now();
-  auto later = parts_.jobs.wait(job.id, time, since);
-  request.asleep += std::chrono::steady_clock::now() - began;
-  return {std::move(later), true};
+    return answer(request, job);
+  Response response;
+  response.later = Later{std::chrono::steady_clock::now() + time,
+                         [this, id = job.id, since](std::function<void()> wake) {
+                           return parts_.jobs.watch(id, since, std::move(wake));
+                         },
+                         [this, id = job.id, answer = std::move(answer)](Request& again) {
+                           const auto now = parts_.jobs.get(id);
+                           return now ? answer(again, *now) : problem(now.error(), again);
+                         }};
+  return response;
 }
 
 Response Api::get_job(Request& request) {
@@ -111,16 +111,16 @@ Response Api::get_job(Request& request) {
   if (!since) return problem(since.error(), request);
   auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  job = wait_for_job(request, std::move(*job), std::chrono::seconds(wait->value_or(0)), *since).job;
-  if (!job) return problem(job.error(), request);
-  const std::string etag = "\"" + std::to_string(job->version) + "\"";
-  const auto* known = request.head.header("if-none-match");
-  if ((known && matches_etag(*known, etag)) || *since == job->version) {
+  const auto answer = [this, since = *since](Request& asked, const proto::Job& now) {
+    const std::string etag = "\"" + std::to_string(now.version) + "\"";
+    const auto* known = asked.head.header("if-none-match");
+    if ((!known || !matches_etag(*known, etag)) && since != now.version)
+      return job_response(200, now);
     Response response;
     response.status = 304;
     return response.header("ETag", etag);
-  }
-  return job_response(200, *job);
+  };
+  return answer_when_moved(request, *job, std::chrono::seconds(wait->value_or(0)), *since, answer);
 }
 
 }  // namespace kiln::server

@@ -144,14 +144,15 @@ Response Api::post_job(Request& request) {
   auto submitted = parts_.jobs.submit(*input);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
-  const Waited waited = wait_for_job(request, std::move(submitted->job), patience);
-  if (!waited.job) return problem(waited.job.error(), request);
-  const proto::Job& job = *waited.job;
-  Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);
-  if (patience.count() > 0 && waited.waited)
-    response.header("Preference-Applied", "wait=" + std::to_string(patience.count()));
-  if (submitted->replayed) response.header("Idempotent-Replayed", "true");
-  return response.header("Location", "/v1/jobs/" + job.id);
+  const auto answer = [this, patience, replayed = submitted->replayed](Request&,
+                                                                       const proto::Job& job) {
+    Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);
+    if (patience.count() > 0)
+      response.header("Preference-Applied", "wait=" + std::to_string(patience.count()));
+    if (replayed) response.header("Idempotent-Replayed", "true");
+    return response.header("Location", "/v1/jobs/" + job.id);
+  };
+  return answer_when_moved(request, submitted->job, patience, std::nullopt, answer);
 }
 
 }  // namespace kiln::server

@@ -185,7 +185,7 @@ Response Api::finish_upload(Request& request, const PartialUpload& upload) {
   if (!upload.digest.empty()) head.headers.emplace_back("Content-Digest", upload.digest);
   head.content_length = upload.length;
   BodyReader body(head, [&](char* out, std::size_t n) { return ::read(file.get(), out, n); });
-  Request whole{head, body, request.id, request.principal, {}, request.route, request.asleep};
+  Request whole{head, body, request.id, request.principal, {}, request.route};
   auto scene = receive_scene(whole);
   if (!scene) {
     // What the sender has to change can't be mended by sending more of it.

@@ -5,7 +5,7 @@
 
 namespace kiln::server {
 
-// Sends one message and tells what came of it. Holds a thread meanwhile, as waiting requests do.
+// Sends one message and tells what came of it. Holds a thread meanwhile.
 Response Api::test_webhook(Request& request) {
   auto body = read_json_object(request);
   if (!body) return problem(body.error(), request);
@@ -13,12 +13,12 @@ Response Api::test_webhook(Request& request) {
   if (!hook) return problem(hook.error(), request);
   const std::string& tenant = request.principal.tenant;
   if (auto ok = parts_.webhooks.check(*hook, tenant); !ok) return problem(ok.error(), request);
-  if (!waits_.try_acquire())
-    return problem({"overloaded", "Too many requests are waiting.", {}}, request);
+  if (!webhook_tests_.try_acquire())
+    return problem({"overloaded", "Too many webhooks are being tested.", {}}, request);
   const struct Release {
     std::counting_semaphore<>& slots;
     ~Release() { slots.release(); }
-  } release{waits_};
+  } release{webhook_tests_};
   const auto began = std::chrono::steady_clock::now();
   const Webhooks::Tested tested = parts_.webhooks.test(*hook, tenant);
   request.asleep += std::chrono::steady_clock::now() - began;

@@ -19,6 +19,9 @@ struct HttpOptions {
   std::uint16_t port = 0;  ///< 0: any free port
   unsigned threads = 16;
   EdgeLimits limits;
+  /// Called with each request when its answer is known; 499 when the client of one that waits has
+  /// gone. Null: nobody counts.
+  std::function<void(const Request&, int status, std::chrono::duration<double>)> count{};
   /// A request that takes the service longer than this is logged; its client's time does not count.
   std::chrono::milliseconds slow{0};  ///< 0: none is
 };
@@ -34,7 +37,9 @@ class HttpServer {
 
   std::uint16_t port() const;
   std::size_t connections() const;  ///< open now, event streams among them
-  /// Refuses new connections, lets running requests finish for up to `grace`, then cuts them.
+  std::size_t waiting() const;      ///< requests whose answer comes later
+  /// Refuses new connections, has requests that wait answered, lets running ones finish for up to
+  /// `grace`, then cuts them.
   void stop(std::chrono::milliseconds grace);
 
  private:

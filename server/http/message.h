@@ -25,8 +25,8 @@ struct Request {
   Principal principal;                  ///< who asks
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
   std::string route;                    ///< the pattern; "" when there is none for the path
-  /// Time that the request spent asleep because its client asked for it: no work of ours.
-  std::chrono::steady_clock::duration& asleep;
+  /// Time that the request waited because its client asked for it: no work of ours.
+  std::chrono::steady_clock::duration asleep{};
 };
 
 /// An event stream that takes the connection over once the head of the answer is out.
@@ -36,6 +36,19 @@ struct StreamContent {
   std::string intro;
 };
 
+struct Response;
+
+/// Instead of an answer: what it waits for. The connection waits without a thread meanwhile, and
+/// the request is dropped when its client goes.
+struct Later {
+  std::chrono::steady_clock::time_point until;  ///< answers then in any case
+  /// Called once. Calls `wake` when the answer can be given, from any thread, perhaps at once; what
+  /// it returns is kept until the request goes on.
+  std::function<std::shared_ptr<const void>(std::function<void()> wake)> watch;
+  /// The answer, from a request thread; headers that came with this are added to it.
+  std::function<Response(Request&)> answer;
+};
+
 struct Response {
   int status = 200;
   std::vector<std::pair<std::string, std::string>> headers;
@@ -43,6 +56,7 @@ struct Response {
   std::string body;
   Content content;  ///< instead of `body`, when it is not empty
   std::optional<StreamContent> stream;
+  std::optional<Later> later;
 
   Response& header(std::string name, std::string value) {
     headers.emplace_back(std::move(name), std::move(value));

@@ -39,11 +39,21 @@ void WorkerPool::stop() {
 bool WorkerPool::enqueue(std::function<void()> task) {
   {
     const std::lock_guard lock(mutex_);
-    if (stopping_ || tasks_.size() >= max_waiting_) return false;
-    tasks_.push_back(std::move(task));
+    if (stopping_ || fresh_ >= max_waiting_) return false;
+    tasks_.push_back({std::move(task)});
+    ++fresh_;
   }
   changed_.notify_one();
   return true;
+}
+
+void WorkerPool::enqueue_again(std::function<void()> task) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    tasks_.push_back({std::move(task), /*fresh=*/false});
+  }
+  changed_.notify_one();
 }
 
 void* WorkerPool::entry(void* self) {
@@ -53,16 +63,17 @@ void* WorkerPool::entry(void* self) {
 
 void WorkerPool::loop() {
   for (;;) {
-    std::function<void()> task;
+    Task task;
     {
       std::unique_lock lock(mutex_);
       changed_.wait(lock, [&] { return stopping_ || !tasks_.empty(); });
       if (tasks_.empty()) return;
       task = std::move(tasks_.front());
       tasks_.pop_front();
+      if (task.fresh) --fresh_;
     }
     try {
-      task();
+      task.run();
     } catch (const std::bad_alloc&) {  // the task is lost, and what it held is free
     }
   }

@@ -22,17 +22,24 @@ class WorkerPool {
 
   /// False when too much is waiting: the task was not taken.
   bool enqueue(std::function<void()> task);
+  /// Goes on with what was taken before, and so is not refused. Lost once the pool is stopping.
+  void enqueue_again(std::function<void()> task);
   void stop();
 
  private:
+  struct Task {
+    std::function<void()> run;
+    bool fresh = true;
+  };
   static void* entry(void* self);
   void loop();
 
   std::size_t max_waiting_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<std::function<void()>> tasks_;  ///< guarded by mutex_
-  bool stopping_ = false;                    ///< guarded by mutex_
+  std::deque<Task> tasks_;  ///< guarded by mutex_
+  std::size_t fresh_ = 0;   ///< of these; guarded by mutex_
+  bool stopping_ = false;   ///< guarded by mutex_
   std::vector<pthread_t> threads_;
 };
 

@@ -105,14 +105,20 @@ proto::Expected<proto::Job> JobService::patch(const std::string& id, const proto
   auto over = find_over(id, lock);
   if (!over) return proto::Unexpected(over.error());
   const LivePtr job = *over ? *over : live_.at(id);
-  const std::lock_guard job_lock(job->mutex);
-  StoredJob& s = job->stored;
-  if (auto ok = check_patch(s.job, patch, allowed); !ok) return proto::Unexpected(ok.error());
-  const JobQueue::Entry before = queue_entry(s);
-  patch_job(store_, *job, patch);
-  if (queue_.erase(before)) queue_.insert(queue_entry(s));
+  proto::Job result;
+  {
+    const std::lock_guard job_lock(job->mutex);
+    StoredJob& s = job->stored;
+    if (auto ok = check_patch(s.job, patch, allowed); !ok) return proto::Unexpected(ok.error());
+    const JobQueue::Entry before = queue_entry(s);
+    patch_job(store_, *job, patch);
+    if (queue_.erase(before)) queue_.insert(queue_entry(s));
+    result = s.job;
+  }
+  lock.unlock();
   changed_.notify_all();
-  return s.job;
+  tell_watchers(*job);
+  return result;
 }
 
 proto::Expected<void> JobService::remove(const std::string& id, bool force) {

@@ -167,21 +167,13 @@ std::size_t JobService::queue_position(const std::string& id) const {
   return queue_.position(queue_entry(found->second->stored));
 }
 
-bool JobService::has_moved(const std::string& id, std::optional<std::uint64_t> since) const {
-  const auto found = live_.find(id);
-  if (found == live_.end()) return true;
-  if (!since) return false;
-  const std::lock_guard lock(found->second->mutex);
-  return found->second->stored.job.version != *since;
-}
-
-proto::Expected<proto::Job> JobService::wait(const std::string& id, std::chrono::milliseconds time,
-                                             std::optional<std::uint64_t> since) const {
-  {
-    std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, time, [&] { return waiters_released_ || has_moved(id, since); });
-  }
-  return get(id);
+JobWatches::Watch JobService::watch(const std::string& id, std::optional<std::uint64_t> since,
+                                    std::function<void()> moved) {
+  auto watch = watches_.add(id, since, std::move(moved));
+  // Now that the watch is on: a change before this look is seen by it, and one after it is told.
+  const auto job = get(id);
+  watches_.tell(id, job ? job->version : 0, !job || proto::is_terminal(job->state));
+  return watch;
 }
 
 JobService::Page JobService::list(const JobFilter& filter) const {
@@ -242,11 +234,20 @@ void JobService::notify(const LiveJob& job) {
     const std::lock_guard lock(mutex_);
     hook = event_hook_;
   }
-  changed_.notify_all();  // wait() with a version
+  tell_watchers(job);
   try {
     if (hook) hook(job.ring.get());
   } catch (const std::bad_alloc&) {  // streams learn of it with the next event
   }
+}
+
+void JobService::tell_watchers(const LiveJob& job) {
+  const auto [version, over] = [&] {
+    const std::lock_guard lock(job.mutex);
+    const proto::Job& j = job.stored.job;
+    return std::pair(j.version, proto::is_terminal(j.state));
+  }();
+  watches_.tell(job.id, version, over);
 }
 
 JobService::Counts JobService::counts() const {
@@ -278,14 +279,6 @@ bool JobService::wait_idle(std::chrono::milliseconds time) const {
   return changed_.wait_for(lock, time, [&] { return queue_.running() == 0; });
 }
 
-void JobService::release_waiters() {
-  {
-    const std::lock_guard lock(mutex_);
-    waiters_released_ = true;
-  }
-  changed_.notify_all();
-}
-
 void JobService::stop() {
   begin_drain();
   std::vector<LivePtr> all;
@@ -296,7 +289,6 @@ void JobService::stop() {
   for (auto& runner : runners_) runner.request_stop();
   for (const auto& job : all) job->stop.request_stop();
   runners_.clear();  // joins
-  release_waiters();
 }
 
 std::optional<JobQueue::Entry> JobService::take_job() {

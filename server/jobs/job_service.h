@@ -22,6 +22,7 @@
 #include "server/jobs/event_ring.h"
 #include "server/jobs/job_queue.h"
 #include "server/jobs/job_store.h"
+#include "server/jobs/job_watches.h"
 #include "server/memory_budget.h"
 #include "server/storage/data_folder.h"
 #include "server/storage/scene_store.h"
@@ -110,10 +111,10 @@ class JobService {
   proto::Expected<Submitted> submit(const Submission&);
   /// Errors: `not_found`.
   proto::Expected<proto::Job> get(const std::string& id) const;
-  /// As get(), but waits until the job is over, the time is up, or release_waiters() was called;
-  /// with `since` only until its version is another one.
-  proto::Expected<proto::Job> wait(const std::string& id, std::chrono::milliseconds,
-                                   std::optional<std::uint64_t> since = {}) const;
+  /// Calls `moved` once, from any thread, as soon as the job is over or there is none; with `since`
+  /// as soon as its version is later. At once, where that is so already.
+  JobWatches::Watch watch(const std::string& id, std::optional<std::uint64_t> since,
+                          std::function<void()> moved);
 
   /// Whose turn it is when, see JobQueue::position(); 0: it does not wait, or there is no such job.
   std::size_t queue_position(const std::string& id) const;
@@ -170,8 +171,6 @@ class JobService {
   bool wait_idle(std::chrono::milliseconds) const;
   /// Stops running jobs, which go back to the queue for the next process, and joins the runners.
   void stop();
-  /// Makes every wait() return.
-  void release_waiters();
 
  private:
   using LivePtr = std::shared_ptr<LiveJob>;
@@ -183,8 +182,6 @@ class JobService {
   void clear_leftovers() const;
   void add_live(const LivePtr&);  ///< needs mutex_
   LivePtr live(const std::string& id) const;
-  /// Whether the job is over, or of another version. Needs mutex_.
-  bool has_moved(const std::string& id, std::optional<std::uint64_t> since) const;
   /// Takes a job that may run now, with what it needs reserved. Needs mutex_.
   std::optional<JobQueue::Entry> take_job();
   LivePtr next_job(std::stop_token);
@@ -194,6 +191,7 @@ class JobService {
   Admission admit(const LiveJob&, std::uint64_t bytes);
   void put_back(const LivePtr&, const std::stop_token&);
   void notify(const LiveJob&);
+  void tell_watchers(const LiveJob&);
   void retire(const LivePtr&);
 
   std::optional<proto::Expected<Submitted>> replay(const IdempotencyKey&) const;
@@ -214,6 +212,7 @@ class JobService {
   CpuMeter cpu_meter_;
   const std::shared_ptr<MemoryBudget> memory_;
   std::function<void(const EventRing*)> event_hook_;
+  JobWatches watches_;
 
   mutable std::mutex mutex_;  ///< guards what follows
   mutable std::condition_variable_any changed_;
@@ -223,7 +222,6 @@ class JobService {
   std::set<std::string> keys_in_use_;  ///< idempotency keys of requests being answered
   std::size_t submitting_ = 0;
   bool draining_ = false;
-  bool waiters_released_ = false;
 
   std::vector<std::jthread> runners_;
 };

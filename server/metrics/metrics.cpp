@@ -83,6 +83,7 @@ struct Metrics::Impl {
       gauge(registry, "memory_reserved_bytes", "That running bakes were let in for").Add({});
   Gauge& connections =
       gauge(registry, "http_connections", "Open connections to the API, streams too").Add({});
+  Gauge& waiting = gauge(registry, "http_waiting", "Requests that wait for a job").Add({});
   Gauge& descriptors = gauge(registry, "process_open_fds", "Open descriptors").Add({});
   Gauge& memory = gauge(registry, "process_resident_memory_bytes", "Memory in use").Add({});
 
@@ -135,6 +136,7 @@ std::string Metrics::text(const Now& now) {
   impl_->budget.Set(double(now.memory_budget));
   impl_->reserved.Set(double(now.memory_reserved));
   impl_->connections.Set(double(now.connections));
+  impl_->waiting.Set(double(now.waiting));
   impl_->descriptors.Set(open_descriptors());
   impl_->memory.Set(resident_bytes());
   return prometheus::TextSerializer().Serialize(impl_->registry.Collect());

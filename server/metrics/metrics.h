@@ -18,8 +18,8 @@ class Metrics {
   Metrics(const Metrics&) = delete;
   Metrics& operator=(const Metrics&) = delete;
 
-  /// A request was answered. `route` is the pattern, never the path: that would be a series per
-  /// job.
+  /// A request was answered, or its client has gone: 499. `route` is the pattern, never the path:
+  /// that would be a series per job.
   void request(std::string_view method, std::string_view route, int status, double seconds);
   void job_started(double seconds_in_queue);
   void job_ended(proto::JobState);
@@ -31,6 +31,7 @@ class Metrics {
   struct Now {
     std::size_t queued = 0, running = 0, streams = 0;
     std::uint64_t webhooks = 0;  ///< messages that are not delivered
+    std::size_t waiting = 0;     ///< requests that wait for a job
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
     std::size_t connections = 0;

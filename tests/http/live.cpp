@@ -70,6 +70,10 @@ bool Wire::send(std::string_view bytes) const {
   return true;
 }
 
+void Wire::finish() const {
+  ::shutdown(fd_, SHUT_WR);
+}
+
 std::string Wire::read(const std::string& until, std::chrono::milliseconds time) const {
   const auto deadline = std::chrono::steady_clock::now() + time;
   std::string text;

@@ -35,6 +35,7 @@ class Wire {
 
   bool connected() const { return fd_ >= 0; }
   bool send(std::string_view bytes) const;
+  void finish() const;  ///< sends no more, but would read on
   /// Reads until `until` has been seen, the peer closed, or the time is up.
   std::string read(const std::string& until = {},
                    std::chrono::milliseconds time = std::chrono::seconds(5)) const;

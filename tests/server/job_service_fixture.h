@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <future>
 #include <optional>
 
 #include "fake_bake.h"
@@ -50,7 +51,15 @@ class JobServiceTest : public ::testing::Test {
     return s;
   }
   std::string submit() { return jobs().submit(submission()).value().job.id; }
-  proto::Job wait(const std::string& id) { return jobs().wait(id, 20s).value(); }
+  /// The job when it is over, and its runner has let go of it.
+  proto::Job wait(const std::string& id) {
+    auto over = std::make_shared<std::promise<void>>();
+    const auto watch = jobs().watch(id, std::nullopt, [over] { over->set_value(); });
+    EXPECT_EQ(over->get_future().wait_for(20s), std::future_status::ready);
+    // No change, but it is refused only when nobody runs the job any more.
+    jobs().patch(id, {}, [](std::uint64_t) { return false; });
+    return jobs().get(id).value();
+  }
   /// Waits until the job is in `state`.
   void reach(const std::string& id, JobState state) {
     for (int i = 0; i < 2000; ++i) {

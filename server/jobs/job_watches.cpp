@@ -1,0 +1,58 @@
+#include "server/jobs/job_watches.h"
+
+#include <map>
+#include <mutex>
+
+namespace kiln::server {
+
+struct JobWatches::Book {
+  struct Watcher {
+    std::optional<std::uint64_t> since;
+    std::function<void()> moved;
+  };
+  using Watchers = std::map<std::uint64_t, Watcher>;
+
+  std::mutex mutex;
+  std::uint64_t last = 0;                ///< guarded by mutex
+  std::map<std::string, Watchers> jobs;  ///< guarded by mutex
+};
+
+std::shared_ptr<JobWatches::Book> JobWatches::make_book() {
+  return std::make_shared<Book>();
+}
+
+JobWatches::Watch JobWatches::add(const std::string& job, std::optional<std::uint64_t> since,
+                                  std::function<void()> moved) {
+  const std::lock_guard lock(book_->mutex);
+  const std::uint64_t number = ++book_->last;
+  const auto leave = [book = book_, job, number](const void*) {
+    Book::Watchers::node_type gone;  // goes without the lock
+    const std::lock_guard again(book->mutex);
+    const auto found = book->jobs.find(job);
+    if (found == book->jobs.end()) return;
+    gone = found->second.extract(number);
+    if (found->second.empty()) book->jobs.erase(found);
+  };
+  Watch watch(book_.get(), leave);
+  book_->jobs[job].emplace(number, Book::Watcher{since, std::move(moved)});
+  return watch;
+}
+
+void JobWatches::tell(const std::string& job, std::uint64_t version, bool over) {
+  Book::Watchers called;
+  {
+    const std::lock_guard lock(book_->mutex);
+    const auto found = book_->jobs.find(job);
+    if (found == book_->jobs.end()) return;
+    Book::Watchers& all = found->second;
+    for (auto at = all.begin(); at != all.end();) {
+      const auto here = at++;
+      const auto& since = here->second.since;
+      if (over || (since && version > *since)) called.insert(all.extract(here));
+    }
+    if (all.empty()) book_->jobs.erase(found);
+  }
+  for (const auto& [number, watcher] : called) watcher.moved();
+}
+
+}  // namespace kiln::server
