@@ -86,20 +86,19 @@ TEST_F(WatchedJob, LosesNoChange) {
   start(fake_.instant(), none_runs);
   const std::string id = submit();
   constexpr int kChanges = 200;
-  std::thread changer([&] {
+  const std::uint64_t last = jobs().get(id)->version + kChanges;
+  std::jthread changer([&] {
     for (int i = 0; i < kChanges; ++i) {
       proto::JobPatch patch;
       patch.labels["n"] = std::to_string(i);
       jobs().patch(id, patch, [](std::uint64_t) { return true; });
     }
   });
-  const std::uint64_t last = jobs().get(id)->version + kChanges;
   for (std::uint64_t version = 0; version < last; version = jobs().get(id)->version) {
     const auto moved = std::make_shared<std::promise<void>>();
     const auto watch = jobs().watch(id, version, [moved] { moved->set_value(); });
     ASSERT_EQ(moved->get_future().wait_for(20s), std::future_status::ready) << version;
   }
-  changer.join();
 }
 
 }  // namespace
