@@ -9,7 +9,7 @@
 namespace kiln::proto {
 
 /// Settings of a bake, with their defaults. The JSON names equal the member names
-/// (`solver.samples`); ranges and descriptions live in settings_schema.cpp, which the parser, the
+/// (`solver.samples`); ranges and descriptions live in settings_table.cpp, which the parser, the
 /// published JSON Schema and the documentation share.
 
 enum class Unwrap {
