@@ -1,0 +1,85 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include "baker/scene/flat_file.h"
+#include "baker/scene/scene.h"
+
+/// The layout of a scene file (scene_file.h), which its writer and its reader share.
+namespace kiln::baker::scene_records {
+
+/// To be raised when the layout changes, or what an import makes of the same bytes.
+inline constexpr std::uint32_t kVersion = 4;
+
+// Records: fixed sizes, no padding, no bool, no enumeration, nothing that some bits can't be.
+struct PartRecord {
+  std::uint32_t primitive, material, vertices, triangles, has_lightmap_uv;
+};
+struct InstanceRecord {
+  std::uint32_t node, mesh, parts, mirrored, name_bytes;
+};
+struct TextureRecord {
+  std::int32_t image;
+  std::uint32_t wrap_u, wrap_v, nearest;
+};
+struct MaterialRecord {
+  Rgb base_color, emission;
+  TextureRecord base_texture, emission_texture;
+  std::uint32_t double_sided, alpha_mode;
+  float alpha_cutoff;
+  std::int32_t source;
+};
+struct ImageRecord {
+  std::uint32_t width, height;
+};
+struct SkyRecord {
+  std::uint32_t width, height;
+};
+struct LightRecord {
+  std::uint32_t type;
+  Rgb intensity;
+  Vec3 position, direction;
+  float range, cos_inner, cos_outer;
+};
+struct WarningRecord {
+  std::uint32_t code_bytes, pointer_bytes, message_bytes;
+};
+using Texel = std::array<std::uint8_t, 4>;
+using Color = std::array<float, 4>;
+using Triangle = std::array<std::uint32_t, 3>;
+
+enum Section : std::size_t {
+  kPositions,
+  kNormals,
+  kBaseUv,
+  kEmissionUv,
+  kLightmapUv,
+  kColors,
+  kSourceVertex,
+  kTriangles,
+  kParts,
+  kInstances,
+  kMaterials,
+  kImages,
+  kTexels,
+  kSky,  ///< none or one
+  kSkyTexels,
+  kLights,
+  kWarnings,
+  kText,  ///< names of instances, then code, pointer and message of each warning
+};
+inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
+    sizeof(Vec3),           sizeof(Vec3),           sizeof(Vec2),
+    sizeof(Vec2),           sizeof(Vec2),           sizeof(Color),
+    sizeof(std::uint32_t),  sizeof(Triangle),       sizeof(PartRecord),
+    sizeof(InstanceRecord), sizeof(MaterialRecord), sizeof(ImageRecord),
+    sizeof(Texel),          sizeof(SkyRecord),      sizeof(Rgb),
+    sizeof(LightRecord),    sizeof(WarningRecord),  1};
+
+inline FlatHeader header_of(const std::string& key) {
+  return {FlatKind::kScene, kVersion, key};
+}
+
+}  // namespace kiln::baker::scene_records
