@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -60,6 +61,9 @@ enum class Method { kGather, kPath };
 /// Which rays are traced together, sixteen at a time (gather).
 enum class RayPattern { kAuto, kTile, kBlock, kStrata, kIncoherent };
 
+/// Techniques that lower the error at equal time and can be left out to see by how much (gather).
+enum class Technique { kLowDiscrepancy, kClosedForm, kLightImportance, kShadowProbes };
+
 struct SolverSettings {
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
@@ -72,6 +76,11 @@ struct SolverSettings {
   RayPattern ray_pattern = RayPattern::kAuto;
   float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
   std::uint64_t seed = 1;    ///< below 2^53, so that JSON keeps it
+  std::vector<Technique> without{};
+
+  bool uses(Technique t) const {
+    return std::find(without.begin(), without.end(), t) == without.end();
+  }
 };
 
 struct SkySettings {

@@ -54,7 +54,7 @@ bool has_length(const json& v) {
 }
 
 bool are_choices(const SettingSpec& s, const json& v) {
-  if (!v.is_array() || v.empty() || v.size() > s.choices.size()) return false;
+  if (!v.is_array() || double(v.size()) < s.min || v.size() > s.choices.size()) return false;
   std::set<std::string> seen;
   return std::all_of(v.begin(), v.end(), [&](const json& x) {
     return is_choice(s, x) && seen.insert(x.get<std::string>()).second;
@@ -115,7 +115,7 @@ json bare_schema(const SettingSpec& s) {
     case ValueKind::kChoices:
       return {{"type", "array"},
               {"items", {{"type", "string"}, {"enum", s.choices}}},
-              {"minItems", 1},
+              {"minItems", static_cast<std::int64_t>(s.min)},
               {"uniqueItems", true}};
     case ValueKind::kVector:
       return vector_schema(s);
@@ -145,7 +145,8 @@ std::string expectation(const SettingSpec& s) {
     case ValueKind::kChoice:
       return "one of " + choices_text(s) + or_null;
     case ValueKind::kChoices:
-      return "a list of at least one of " + choices_text(s) + ", none of them twice" + or_null;
+      return (s.min > 0 ? "a list of at least one of " : "a list of any of ") + choices_text(s) +
+             ", none of them twice" + or_null;
     case ValueKind::kVector:
       return "a list of three numbers " + range_text(s) + or_null;
     case ValueKind::kDirection:

@@ -18,7 +18,7 @@ enum class ValueKind {
   kNumber,
   kBoolean,
   kChoice,     ///< one word of `choices`
-  kChoices,    ///< a list of different words of `choices`, at least one
+  kChoices,    ///< a list of at least `min` different words of `choices`
   kVector,     ///< three numbers, each in the range
   kDirection,  ///< a vector with at least one component beyond kShortest
   kText,       ///< of 1 to `max` characters

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
@@ -13,10 +14,26 @@ using enum ValueKind;
 // A member's value as JSON, and back
 // ---------------------------------------------------------------
 
+template <class Enum>
+json word_of(Enum v, const SettingSpec& spec) {
+  return std::string(spec.choices.at(static_cast<std::size_t>(v)));
+}
+
+template <class Enum>
+Enum meaning_of(const json& word, const SettingSpec& spec) {
+  const auto found =
+      std::find(spec.choices.begin(), spec.choices.end(), word.get_ref<const std::string&>());
+  return static_cast<Enum>(found - spec.choices.begin());
+}
+
 template <class T>
 json to_value(const T& v, const SettingSpec& spec) {
   if constexpr (std::is_enum_v<T>) {
-    return std::string(spec.choices.at(static_cast<std::size_t>(v)));
+    return word_of(v, spec);
+  } else if constexpr (std::is_same_v<T, std::vector<Technique>>) {
+    json words = json::array();
+    for (const Technique t : v) words.push_back(word_of(t, spec));
+    return words;
   } else if constexpr (std::is_same_v<T, float>) {
     return shortest_number(v);
   } else if constexpr (std::is_same_v<T, std::optional<float>>) {
@@ -35,9 +52,10 @@ json to_value(const T& v, const SettingSpec& spec) {
 template <class T>
 void from_value(T& out, const json& v, const SettingSpec& spec) {
   if constexpr (std::is_enum_v<T>) {
-    std::size_t index = 0;
-    while (spec.choices.at(index) != v.get_ref<const std::string&>()) ++index;
-    out = static_cast<T>(index);
+    out = meaning_of<T>(v, spec);
+  } else if constexpr (std::is_same_v<T, std::vector<Technique>>) {
+    out.clear();
+    for (const json& word : v) out.push_back(meaning_of<Technique>(word, spec));
   } else if constexpr (std::is_same_v<T, std::optional<float>>) {
     out = v.is_null() ? std::nullopt : std::optional<float>(v.get<float>());
   } else if constexpr (std::is_same_v<T, std::optional<std::uint32_t>>) {
@@ -174,6 +192,15 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
                           "pixels."}),
+      row<[](auto& s) -> auto& { return s.solver.without; }>(
+          {.path = "solver.without", .kind = kChoices,
+           .choices = {"low_discrepancy", "closed_form", "light_importance", "shadow_probes"},
+           .description = "Techniques to leave out, to see what each is worth (gather); the light stays "
+                          "the same but for noise. low_discrepancy: random points instead of a "
+                          "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
+                          "textured ones are. light_importance: one of many lights is drawn by its "
+                          "power alone. shadow_probes: all shadow rays are sent, even where the "
+                          "first agree."}),
       row<[](auto& s) -> auto& { return s.sky.radiance; }>(
           {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),
@@ -205,14 +232,15 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Numbers of the EXR pages. half: 16 bit; a page brighter than 60000 lx is "
                           "written as float all the same, with a warning. float: 32 bit."}),
       row<[](auto& s) -> auto& { return s.output.layers; }>(
-          {.path = "output.layers", .kind = kChoices,
+          {.path = "output.layers", .kind = kChoices, .min = 1,
            .choices = {"irradiance", "direct", "indirect", "raw", "standard_error", "samples"},
            .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A. raw: the "
                           "irradiance before the filter. standard_error: of its luminance, lx: R all, "
                           "G of direct, B of sky and indirect light. samples: R directions, G shadow "
                           "rays at most, B 0."}),
       row<[](auto& s) -> auto& { return s.output.formats; }>(
-          {.path = "output.formats", .kind = kChoices, .choices = {"exr", "png", "glb"},
+          {.path = "output.formats", .kind = kChoices, .min = 1,
+           .choices = {"exr", "png", "glb"},
            .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "
                           "lightmaps attached."}),
       row<[](auto& s) -> auto& { return s.output.exposure; }>(

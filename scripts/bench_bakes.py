@@ -29,7 +29,9 @@ WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder brings scenes of this k
 # Techniques left out, one at a time; the series "gather" and "filter" have the others.
 ABLATION = {"dense": {"solver.coarse_indirect": False},
             "incoherent": {"solver.ray_pattern": "incoherent"},
-            "no_hits": {"solver.hit_memory_mib": 1}}
+            "no_hits": {"solver.hit_memory_mib": 1},
+            **{name: {"solver.without": [name]} for name in
+               ("low_discrepancy", "closed_form", "light_importance", "shadow_probes")}}
 FIELDS = ["tool", "series", "scene", "setting", "seconds", "cpu_seconds", "solve_seconds", "texels",
           "nrmse_own", "nrmse_cycles", "bias_cycles", "session"]
 

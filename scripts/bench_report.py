@@ -16,7 +16,9 @@ BOUNCES_AT = {"cornell": "256²", "cornell_geom": "1024²"}  # pages of the boun
 TARGETS = [0.05, 0.02, 0.01]
 # What a curve leaves out that "filter" has.
 ABLATION = {"gather": "the filter", "dense": "interpolation between every second texel",
-            "incoherent": "packets of rays that stay together", "no_hits": "remembered hits"}
+            "incoherent": "packets of rays that stay together", "no_hits": "remembered hits",
+            "low_discrepancy": "low-discrepancy points", "closed_form": "lamps in closed form",
+            "light_importance": "choice of lights by tile", "shadow_probes": "probing of shadow rays"}
 
 
 def read_bakes(path):

@@ -92,24 +92,29 @@ class ShareWalk {
 };
 
 /// From which point of the footprint each of `count` samples is taken, and by which point of the
-/// sequence, of which `first` were used before.
+/// texel's sequence, of which `first` were used before.
 class SampleOrder {
  public:
-  SampleOrder(std::uint32_t first, std::uint32_t count, std::uint32_t seed)
-      : first_(first), second_half_((count + 1) / 2), point_flip_(hash(seed, 2)) {}
+  SampleOrder(const SolverInput& in, std::uint32_t first, std::uint32_t count, std::uint32_t seed)
+      : low_discrepancy_(in.settings.uses(proto::Technique::kLowDiscrepancy)),
+        first_(first),
+        second_half_((count + 1) / 2),
+        seed_(seed) {}
 
   /// Runs of four and strides of four both spread over the footprint: neither the part of a light
   /// nor the stratum of the net that a run makes goes with one point alone.
   std::uint32_t footprint_point(std::uint32_t k) const {
-    return (k >> 2 ^ k ^ point_flip_) % Footprint::kPoints;
+    return (k >> 2 ^ k ^ hash(seed_, 2)) % Footprint::kPoints;
   }
   /// Every second sample is a systematic sample by itself; so are both halves of the sequence.
-  std::uint32_t sequence_point(std::uint32_t k) const {
-    return first_ + (k & 1 ? second_half_ : 0) + k / 2;
+  Vec2 sample(std::uint32_t k) const {
+    const std::uint32_t index = first_ + (k & 1 ? second_half_ : 0) + k / 2;
+    return scrambled(sequence_point(index, low_discrepancy_), seed_);
   }
 
  private:
-  std::uint32_t first_, second_half_, point_flip_;
+  bool low_discrepancy_;
+  std::uint32_t first_, second_half_, seed_;
 };
 
 /// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
@@ -118,7 +123,7 @@ template <class Walk>
 Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, std::uint32_t first,
                        std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const float start = to_unit(hash(seed, 1, first));
-  const SampleOrder order(first, count, seed);
+  const SampleOrder order(in, first, count, seed);
   // The light that was picked last, as the points see it.
   std::array<std::optional<SampledLight>, Footprint::kPoints> seen;
   std::uint32_t seen_light = ~0u;
@@ -131,7 +136,7 @@ Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk, st
     seen_light = pick.light;
     if (!seen[i])
       seen[i].emplace(in.lights.seen_from(at.position[i], in.lights.area()[pick.light]));
-    const LightSample s = seen[i]->sample(scrambled(sobol(order.sequence_point(k)), seed));
+    const LightSample s = seen[i]->sample(order.sample(k));
     const float cosine = receiver_cosine(at, i, s.direction);
     const Rgb value = s.value * (cosine / (float(count) * pick.probability));
     if (!is_black(value)) shadows.add(at.origin[i], s.shadow_ray(at.origin[i]), value, k & 1);
@@ -150,11 +155,10 @@ struct Receiver {
 Estimate bright_sky(const SolverInput& in, const Footprint& at, std::uint32_t first,
                     std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const SkyShares shares = sky_shares(in.plan);
-  const SampleOrder order(first, count, seed);
+  const SampleOrder order(in, first, count, seed);
   for (std::uint32_t k = 0; k < count; ++k) {
     const std::uint32_t i = order.footprint_point(k);
-    const SkyLight::Sample s =
-        in.lights.sky()->sample(scrambled(sobol(order.sequence_point(k)), seed));
+    const SkyLight::Sample s = in.lights.sky()->sample(order.sample(k));
     const float cosine = receiver_cosine(at, i, s.direction);
     const float weight = shares.of_bright(s.seen.density, cosine);
     const Rgb value = s.seen.radiance * (cosine * weight / float(count));
@@ -182,6 +186,7 @@ class ManyLights {
   /// in it.
   void start_tile(TexelRange tile) {
     choice_.clear();
+    if (!in_.settings.uses(proto::Technique::kLightImportance)) return choice_.finish();
     const TextureGroup& texels = in_.texels;
     const std::uint32_t step = std::max(1u, tile.size() / kPilots);
     for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
@@ -229,7 +234,8 @@ class FewLights {
       frames_[i] = tile[i].at.frames();
       weigh(tile[i], i);
     }
-    for (std::uint32_t l = 0; l < lights.size(); ++l)
+    const bool closed_form = in_.settings.uses(proto::Technique::kClosedForm);
+    for (std::uint32_t l = 0; l < lights.size() && closed_form; ++l)
       if (lights[l].is_uniform()) light_by(l, tile, first, count, arrived);
     for (std::size_t i = 0; i < tile.size(); ++i)
       light_by_rest(tile[i], share_[i], first, count, shadows, arrived[i]);
@@ -275,7 +281,8 @@ class FewLights {
       LampLight::Shadow& s =
           shadows.emplace_back(lamp_, light, views_[i][l], tile[i].at, frames_[i], begin,
                                end - begin, hash(tile[i].seed, l));
-      traced_ += s.send_until((s.packets() + kProbeShare - 1) / kProbeShare);
+      traced_ +=
+          s.send_until(probes_ ? (s.packets() + kProbeShare - 1) / kProbeShare : s.packets());
       lit = lit || s.lit(), blocked = blocked || s.blocked();
       share = 0;
     }
@@ -300,6 +307,7 @@ class FewLights {
 
   const SolverInput& in_;
   const LampLight lamp_;
+  const bool probes_ = in_.settings.uses(proto::Technique::kShadowProbes);
   std::array<PointFrames, kTileTexels> frames_;
   std::array<std::vector<LampLight::View>, kTileTexels> views_;
   std::array<std::vector<float>, kTileTexels> share_;

@@ -41,8 +41,10 @@ void deal_halves(std::vector<std::uint32_t>& order) {
 
 }  // namespace
 
-DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted)
-    : first(from), count(n), coherent(sorted && n >= kCoherentSamples && is_net(from, n)) {
+DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted, bool low_discrepancy)
+    : first(from),
+      count(n),
+      coherent(sorted && low_discrepancy && n >= kCoherentSamples && is_net(from, n)) {
   std::vector<std::uint32_t> order(n);
   std::iota(order.begin(), order.end(), first);
   if (coherent)
@@ -50,8 +52,9 @@ DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted)
   else if (n % 16 == 0)
     deal_halves(order);
   for (std::uint32_t i : order) {
-    x.push_back(sobol(i).x);
-    y.push_back(sobol(i).y);
+    const SobolPoint p = sequence_point(i, low_discrepancy);
+    x.push_back(p.x);
+    y.push_back(p.y);
   }
   x.resize((n + 15) / 16 * 16);
   y.resize(x.size());

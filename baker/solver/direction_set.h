@@ -8,17 +8,18 @@
 
 namespace kiln::baker {
 
-/// The directions of a gather: a run of the Sobol sequence in the order in which it is traced,
-/// packets of sixteen. Runs that begin at a multiple of their length, a power of two, are nets, and
-/// together with the runs before them again a net.
+/// The directions of a gather: a run of the Sobol sequence (or, to compare, of independent points)
+/// in the order in which it is traced, packets of sixteen. Runs that begin at a multiple of their
+/// length, a power of two, are nets, and together with the runs before them again a net.
 struct DirectionSet {
-  std::vector<std::uint32_t> x, y;  ///< Sobol points, fractions of 2^32, padded to whole packets
-  std::uint32_t first = 0;          ///< its place in the sequence
+  std::vector<std::uint32_t> x,
+      y;                    ///< points of the sequence, fractions of 2^32, padded to whole packets
+  std::uint32_t first = 0;  ///< its place in the sequence
   std::uint32_t count = 0;
   bool coherent = false;  ///< each run of sixteen is a narrow cone
 
   /// @param sorted puts directions near to each other into one packet, where they are many enough
-  DirectionSet(std::uint32_t first, std::uint32_t count, bool sorted);
+  DirectionSet(std::uint32_t first, std::uint32_t count, bool sorted, bool low_discrepancy = true);
   std::uint32_t size() const { return count; }
   /// The first `n` directions of the order: of a net that is a power of two times as long, two
   /// nets. Not of a coherent set, whose packets are each a part of the hemisphere.

@@ -17,6 +17,17 @@ struct Footprint {
   Footprint(const SolverInput&, std::uint32_t texel);
 
   PointFrames frames() const;
+
+  /// Which of sixteen consecutive samples of a sequence goes with a point: a permutation, linear in
+  /// the bits. The points are a Sobol net themselves (see SamplePoint), so with its own number each
+  /// would go to the part of a lamp where it is itself on the texel, and the edges of shadows that
+  /// run across both would be met all at once.
+  static constexpr std::uint32_t sample_of(std::uint32_t point) {
+    constexpr std::uint32_t kOfBit[4] = {4, 8, 3, 1};
+    std::uint32_t sample = 0;
+    for (std::uint32_t bit = 0; bit < 4; ++bit) sample ^= (point >> bit & 1) * kOfBit[bit];
+    return sample;
+  }
 };
 
 /// Key of all random numbers of one texel (or tile, for kGatherTile), for one purpose.

@@ -31,7 +31,7 @@ class GatherSolver final : public Solver {
         packets_(in_, feedback_samples(in, hit_budget)),
         hemisphere_(in_, packets_),
         feedback_(in_),
-        set_(0, feedback_samples(in, hit_budget), packets_.sorts_directions()),
+        set_(directions(0, feedback_samples(in, hit_budget))),
         rounds_(in_, set_.size()),
         schedule_(in_, set_, rounds_) {
     if (schedule_.needs_rays()) hits_ = HitMemory(in.texels.size(), set_.size());
@@ -65,6 +65,11 @@ class GatherSolver final : public Solver {
     if (wanted <= affordable) return wanted;
     const std::uint64_t fitting = std::bit_floor(std::max<std::uint64_t>(1, affordable));
     return std::min(wanted, std::max(kMinFeedbackSamples, std::uint32_t(fitting)));
+  }
+
+  DirectionSet directions(std::uint32_t first, std::uint32_t count) const {
+    return {first, count, packets_.sorts_directions(),
+            in_.settings.uses(proto::Technique::kLowDiscrepancy)};
   }
 
   /// E = π · mean L over cosine-distributed directions.
@@ -148,8 +153,7 @@ bool GatherSolver::begin_round(const Lightmap& before, const Workers& workers) {
   if (!rounds_.begin(before, workers)) return false;
   more_.clear();
   for (const std::uint32_t first : rounds_.first_directions())
-    more_.emplace(first,
-                  DirectionSet(first, rounds_.more_directions(first), packets_.sorts_directions()));
+    more_.emplace(first, directions(first, rounds_.more_directions(first)));
   return true;
 }
 

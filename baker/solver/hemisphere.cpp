@@ -85,13 +85,14 @@ class Hemisphere::Tracer {
       std::uint32_t lanes = 0;
       own.begin_packet(packet_of(first));
       for (std::uint32_t i = 0; i < 16; ++i) {
-        points_.x[i] = set_.x[first + (i ^ flip)], points_.y[i] = set_.y[first + (i ^ flip)];
+        points_.x[i] = set_.x[first + Footprint::sample_of(i ^ flip)],
+        points_.y[i] = set_.y[first + Footprint::sample_of(i ^ flip)];
         pick_[i] = own.pick(i);
-        lanes |= std::uint32_t(first + (i ^ flip) < set_.size()) << i;
+        lanes |= std::uint32_t(first + Footprint::sample_of(i ^ flip) < set_.size()) << i;
       }
       trace(frames, lanes, set_.coherent);
       for (std::uint32_t i = 0; i < 16; ++i)
-        if (lanes >> i & 1) take(i, i, first + (i ^ flip), of, census);
+        if (lanes >> i & 1) take(i, i, first + Footprint::sample_of(i ^ flip), of, census);
     }
     return census;
   }
@@ -117,7 +118,7 @@ class Hemisphere::Tracer {
         std::uint32_t lanes = 0, sample[16];
         for (std::uint32_t i = 0; i < 16; ++i) {
           const std::uint32_t point = run * strata + i % strata;
-          sample[i] = first + (point ^ flip);
+          sample[i] = first + Footprint::sample_of(point ^ flip);
           points_.x[i] = set_.x[sample[i]], points_.y[i] = set_.y[sample[i]];
           pick_[i] = own[std::min(i / strata, last)].pick(point);
           lanes |= std::uint32_t(sample[i] < set_.size()) << i;
@@ -134,8 +135,8 @@ class Hemisphere::Tracer {
 
  private:
   std::uint32_t packet_of(std::uint32_t first) const { return set_.first + first; }
-  /// Point p of a footprint sends direction p ^ flip of a packet: which point goes with which
-  /// direction differs from packet to packet.
+  /// Point p of a footprint sends direction sample_of(p ^ flip) of a packet: which point goes with
+  /// which direction differs from packet to packet.
   std::uint32_t flip_of(std::uint32_t first) const {
     return hash(tile_seed_, 3, packet_of(first)) % 16;
   }

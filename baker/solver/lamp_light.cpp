@@ -92,13 +92,14 @@ std::uint64_t LampLight::Shadow::send_until(std::uint32_t end) {
 void LampLight::Shadow::take_samples() {
   second_ = 0;
   for (std::uint32_t i = 0; i < kPoints; ++i) {
-    const std::uint32_t run = i ^ flip_;
+    const std::uint32_t lane = i ^ flip_, run = Footprint::sample_of(lane);
     const std::uint32_t turn = packets_ < kPoints ? run * packets_ / kPoints : run;
     const std::uint32_t place = (next_ + turn) % packets_;
-    const SobolPoint s = sobol(first_ * kPoints + run * packets_ + place);
-    x_[run] = s.x, y_[run] = s.y;
+    const SobolPoint s =
+        sequence_point(first_ * kPoints + run * packets_ + place, all_.low_discrepancy_);
+    x_[lane] = s.x, y_[lane] = s.y;
     const bool late = packets_ > 1 && place >= packets_ / 2;
-    const std::uint32_t bit = packets_ > 1 ? 4 : 8;
+    const std::uint32_t bit = packets_ > 1 ? 2 : 8;
     second_ |= std::uint32_t(((run & bit) != 0) != late) << i;
   }
 }

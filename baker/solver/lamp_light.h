@@ -16,7 +16,10 @@ namespace kiln::baker {
 /// bias of the order of 1/rays, without the noise of the unoccluded light.
 class LampLight {
  public:
-  explicit LampLight(const SolverInput& in) : in_(in), kernels_(kernels()) {}
+  explicit LampLight(const SolverInput& in)
+      : in_(in),
+        kernels_(kernels()),
+        low_discrepancy_(in.settings.uses(proto::Technique::kLowDiscrepancy)) {}
 
   /// A lamp as the points of one texel see it.
   struct View {
@@ -35,6 +38,7 @@ class LampLight {
  private:
   const SolverInput& in_;
   const Kernels& kernels_;
+  const bool low_discrepancy_;
 };
 
 /// The shadow rays of one texel to one lamp. Outlived by what it is made of.

@@ -61,6 +61,12 @@ inline SobolPoint sobol(std::uint32_t index) {
   return {reverse_bits(index), y};
 }
 
+/// A point of the sequence that samples are drawn from: Sobol's, or independent ones.
+inline SobolPoint sequence_point(std::uint32_t index, bool low_discrepancy) {
+  return low_discrepancy ? sobol(index)
+                         : SobolPoint{hash(index, 0x1f83d9abu), hash(index, 0x5be0cd19u)};
+}
+
 /// Owen-scrambled copy of a Sobol point: same stratification, errors of two seeds independent.
 inline Vec2 scrambled(SobolPoint p, std::uint32_t seed) {
   return {to_unit(owen_scramble(p.x, seed)), to_unit(owen_scramble(p.y, hash(seed)))};

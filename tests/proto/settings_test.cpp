@@ -39,7 +39,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "quality": {"preset": "draft", "target_error": 0.125, "max_samples": 77},
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
                "hit_memory_mib": 12, "coarse_indirect": false,
-                "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991},
+                "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991,
+                "without": ["shadow_probes", "low_discrepancy"]},
     "sky": {"radiance": [0.1, 2, 3000.7], "map": "skies/n\u00f6n.exr", "scale": 0.5,
             "rotation": -90},
     "lights": [
@@ -124,6 +125,8 @@ TEST(Settings, NumbersOfTheWrongKind) {
 
 TEST(Settings, ListsOfWords) {
   EXPECT_EQ(pointer_of(R"({"output": {"layers": []}})"), "/output/layers");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"without": []}})"));
+  EXPECT_EQ(pointer_of(R"({"solver": {"without": ["luck"]}})"), "/solver/without");
   EXPECT_EQ(pointer_of(R"({"output": {"layers": ["direct", "direct"]}})"), "/output/layers");
   EXPECT_EQ(pointer_of(R"({"output": {"layers": "direct"}})"), "/output/layers");
   EXPECT_EQ(pointer_of(R"({"output": {"formats": ["exr", "tga"]}})"), "/output/formats");

@@ -2,28 +2,10 @@
 #include <gtest/gtest.h>
 
 #include "baker/solver/gather.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/solver/cornell_box.h"
 
 namespace kiln::baker::test {
 namespace {
-
-/// A Cornell box of 2 m with two blocks.
-std::unique_ptr<QuadScene> cornell(std::uint32_t page_size) {
-  auto box = std::make_unique<QuadScene>(page_size);
-  const Rgb white{0.73f, 0.73f, 0.73f}, red{0.63f, 0.06f, 0.05f}, green{0.14f, 0.45f, 0.09f};
-  const Vec3 x{2, 0, 0}, y{0, 2, 0}, z{0, 0, 2};
-  box->add({{-1, 0, -1}, y, z, red});
-  box->add({{1, 0, -1}, z, y, green});
-  box->add({{-1, 0, -1}, z, x, white});
-  box->add({{-1, 2, -1}, x, z, white});
-  box->add({{-1, 0, -1}, x, y, white});
-  box->add({{-1, 0, 1}, y, x, white});
-  box->add_block({-0.6f, 0, -0.5f}, {-0.05f, 1.2f, 0.05f}, white);
-  box->add_block({0.1f, 0, 0}, {0.65f, 0.6f, 0.55f}, white);
-  box->add({{-0.25f, 1.99f, -0.25f}, {0.5f, 0, 0}, {0, 0, 0.5f}, {}, {12, 10, 7}});
-  box->build();
-  return box;
-}
 
 /// The irradiance of all texels, as sampled or as shown.
 std::vector<Rgb> sampled(const Solution& s) {
@@ -104,25 +86,6 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
   EXPECT_LE(noise_free_nrmse(sampled(gather), r1, r2), 0.01);
 }
 
-/// Standard deviation of the indirect light between seeds, relative to its mean.
-double scatter(const QuadScene& scene, proto::SolverSettings s) {
-  constexpr int kPairs = 4;
-  double square = 0, mean = 0;
-  for (int pair = 0; pair < kPairs; ++pair) {
-    s.seed = 21 + 2 * std::uint64_t(pair);
-    const Solution a = scene.solve(s);
-    ++s.seed;
-    const Solution b = scene.solve(s);
-    for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
-      const double d = double(a.light->indirect[t].g) - b.light->indirect[t].g;
-      square += d * d / 2;
-      mean += a.light->indirect[t].g;
-    }
-  }
-  const double n = double(kPairs) * scene.texels().size();
-  return std::sqrt(square / n) / (mean / n);
-}
-
 // Random sampling falls with N^-1/2. Stratified by nets, a gather falls faster: towards N^-1 where
 // the radiosity seen is smooth, N^-3/4 across its edges. Quadrupling N must at least bring 4^0.6.
 TEST(Convergence, GatherErrorFallsFasterThanRandom) {
@@ -133,7 +96,7 @@ TEST(Convergence, GatherErrorFallsFasterThanRandom) {
   s.coarse_indirect = false;
   for (const std::uint32_t samples : {16u, 64u, 256u}) {
     s.samples = samples;
-    const double error = scatter(*box, s);
+    const double error = scatter(*box, s, &Lightmap::indirect, 16);
     if (last > 0) {
       EXPECT_LT(error, last * std::pow(4, -0.6)) << samples << " samples";
     }
@@ -149,9 +112,9 @@ TEST(Convergence, PathErrorFallsWithTheSquareRoot) {
   s.method = proto::Method::kPath;
   s.bounces = 4;
   s.samples = 16;
-  const double few = scatter(*box, s);
+  const double few = scatter(*box, s, &Lightmap::indirect);
   s.samples = 256;
-  const double many = scatter(*box, s);
+  const double many = scatter(*box, s, &Lightmap::indirect);
   EXPECT_LT(many, few / 4 * 1.15);
 }
 

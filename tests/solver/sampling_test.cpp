@@ -5,6 +5,7 @@
 #include <array>
 #include <set>
 
+#include "baker/solver/footprint.h"
 #include "baker/solver/sobol.h"
 
 namespace kiln::baker {
@@ -41,6 +42,46 @@ TEST(Sobol, SeedsDecorrelate) {
     sum += (double(sample_pair(3, hash(seed)).x) - 0.5) *
            (double(sample_pair(3, hash(seed + 100000)).x) - 0.5);
   EXPECT_NEAR(sum / 4096, 0, 4.9 / 12 / 64);
+}
+
+/// Root mean square error of the share of a lamp that a footprint sees past straight edges in any
+/// direction, by `runs` samples of each of sixteen points; Footprint::sample_of() or the point's
+/// own number says which run of the sequence a point takes.
+double half_shadow_error(std::uint32_t runs, bool own_number) {
+  constexpr int kEdges = 1000, kGrid = 64;
+  double square = 0;
+  for (std::uint32_t edge = 0; edge < kEdges; ++edge) {
+    const auto random = [&](std::uint32_t d) { return to_unit(hash(edge, d)); };
+    const float on_texel = 2 * kPi * random(1), on_lamp = 2 * kPi * random(2);
+    const Vec2 a{std::cos(on_texel), std::sin(on_texel)}, b{std::cos(on_lamp), std::sin(on_lamp)};
+    const float limit = 2 * random(3) - 0.5f;
+    double sampled = 0, truth = 0;
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      const Vec2 p = scrambled(sobol(i), hash(edge, 4));
+      const float at = a.x * p.x + a.y * p.y;
+      const std::uint32_t lane = i ^ hash(edge, 5) % 16;
+      const std::uint32_t run = own_number ? lane : Footprint::sample_of(lane);
+      for (std::uint32_t k = 0; k < runs; ++k) {
+        const Vec2 q = scrambled(sobol(run * runs + k), hash(edge, 6));
+        sampled += at + b.x * q.x + b.y * q.y > limit ? 1. / (16 * runs) : 0;
+      }
+      for (int k = 0; k < kGrid * kGrid; ++k) {
+        const float x = (float(k % kGrid) + 0.5f) / kGrid, y = (float(k / kGrid) + 0.5f) / kGrid;
+        truth += at + b.x * x + b.y * y > limit ? 1. / (16 * kGrid * kGrid) : 0;
+      }
+    }
+    square += (sampled - truth) * (sampled - truth) / kEdges;
+  }
+  return std::sqrt(square);
+}
+
+TEST(Footprint, EdgesAcrossTexelAndLampAreMetAtDifferentPoints) {
+  for (const std::uint32_t runs : {1u, 4u})
+    EXPECT_LT(half_shadow_error(runs, false), 0.85 * half_shadow_error(runs, true)) << runs;
+  std::set<std::uint32_t> samples;
+  for (std::uint32_t i = 0; i < 16; ++i) samples.insert(Footprint::sample_of(i));
+  EXPECT_EQ(samples.size(), 16u);
+  EXPECT_EQ(*samples.rbegin(), 15u);
 }
 
 TEST(Frame, IsOrthonormalForAllNormals) {

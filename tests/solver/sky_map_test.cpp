@@ -409,9 +409,13 @@ TEST(SkyMapAgreement, EveryRayPatternSeesTheSameSky) {
                              proto::RayPattern::kStrata, proto::RayPattern::kIncoherent}) {
     auto s = samples(256);
     s.ray_pattern = pattern;
-    const Solution solution = scene.solve(s);
+    // Texels of a tile share the cells of their directions: a few seeds for a figure that stays.
+    constexpr int kSeeds = 8;
     double sky = 0;
-    for (const Rgb c : solution.light->sky) sky += double(luminance(c));
+    for (s.seed = 1; s.seed <= kSeeds; ++s.seed) {
+      const Solution solution = scene.solve(s);
+      for (const Rgb c : solution.light->sky) sky += double(luminance(c)) / kSeeds;
+    }
     if (first == 0) first = sky;
     EXPECT_NEAR(sky, first, 2e-3 * first);
   }
