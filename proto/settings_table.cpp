@@ -195,8 +195,9 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.without; }>(
           {.path = "solver.without", .kind = kChoices,
            .choices = {"low_discrepancy", "closed_form", "light_importance", "shadow_probes"},
-           .description = "Techniques to leave out, to see what each is worth (gather); the light stays "
-                          "the same but for noise. low_discrepancy: random points instead of a "
+           .description = "Techniques to leave out, to see what each is worth (gather; path has none of "
+                          "them). The light stays the same but for noise, and for the little that "
+                          "shadow_probes miss. low_discrepancy: random points instead of a "
                           "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
                           "textured ones are. light_importance: one of many lights is drawn by its "
                           "power alone. shadow_probes: all shadow rays are sent, even where the "

@@ -322,12 +322,13 @@ bool is_full(const proto::Expected<Atlas>& atlas) {
   return !atlas && atlas.error().code == "atlas_full";
 }
 
-/// The least page size from `first` on, by doubling, that is large enough; 0: none. Charts are cut
-/// by the size of a texel: only making them tells.
+/// The least page size from `first` on, by doubling, that is large enough; 0: none of the few that
+/// are tried. Charts are cut by the size of a texel: only making them tells.
 std::uint32_t find_page_size(const Scene& scene, proto::AtlasSettings settings, std::uint32_t first,
                              const std::stop_token& stop) {
-  constexpr std::uint32_t kMost = proto::AtlasSettings::kMostPageSize;
-  for (std::uint32_t size = first; size > 0 && size <= kMost; size *= 2) {
+  constexpr std::uint32_t kMost = proto::AtlasSettings::kMostPageSize, kTrials = 3;
+  std::uint32_t size = first;
+  for (std::uint32_t i = 0; i < kTrials && size > 0 && size <= kMost; ++i, size *= 2) {
     settings.page_size = size;
     if (!is_full(AtlasBuilder(scene, settings, stop).build())) return size;
   }

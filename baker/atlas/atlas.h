@@ -63,7 +63,7 @@ struct Atlas {
 /// page is taken as it is and `texels_per_metre` does not apply; beside unwrapped instances such a
 /// group keeps its shape and is scaled as one; otherwise each valid instance gets a rectangle of
 /// its own. Errors: `invalid_lightmap_uv` (unwrap = existing), `canceled`, and `atlas_full`, which
-/// says what would be large enough: that was tried, and may take as long again.
+/// says what would be large enough: that was tried, and may take as long again, up to six times.
 proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&, std::stop_token = {});
 
 }  // namespace kiln::baker

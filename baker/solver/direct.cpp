@@ -99,12 +99,13 @@ class SampleOrder {
       : low_discrepancy_(in.settings.uses(proto::Technique::kLowDiscrepancy)),
         first_(first),
         second_half_((count + 1) / 2),
-        seed_(seed) {}
+        seed_(seed),
+        point_flip_(hash(seed, 2)) {}
 
   /// Runs of four and strides of four both spread over the footprint: neither the part of a light
   /// nor the stratum of the net that a run makes goes with one point alone.
   std::uint32_t footprint_point(std::uint32_t k) const {
-    return (k >> 2 ^ k ^ hash(seed_, 2)) % Footprint::kPoints;
+    return (k >> 2 ^ k ^ point_flip_) % Footprint::kPoints;
   }
   /// Every second sample is a systematic sample by itself; so are both halves of the sequence.
   Vec2 sample(std::uint32_t k) const {
@@ -114,7 +115,7 @@ class SampleOrder {
 
  private:
   bool low_discrepancy_;
-  std::uint32_t first_, second_half_, seed_;
+  std::uint32_t first_, second_half_, seed_, point_flip_;
 };
 
 /// Light from the area lights by `count` samples, whose lights `walk` picks systematically.

@@ -83,9 +83,9 @@ class Api {
   proto::Expected<Submission> read_job_request(Request&);
   proto::Expected<Submission> read_json_job(Request&);
   proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
+  nlohmann::json job_document(proto::Job) const;               ///< with its place in the queue
+  Response job_response(int status, const proto::Job&) const;  ///< with its ETag
   /// Errors: `not_found`, for a job of another tenant too.
-  nlohmann::json job_document(proto::Job) const;  ///< with its place in the queue
-  Response job_response(int status, const proto::Job&) const;
   proto::Expected<proto::Job> find_job(const Request&) const;
   /// Errors: `not_found`, for an upload of another tenant too.
   proto::Expected<PartialUpload> find_upload(const Request&) const;
@@ -127,8 +127,6 @@ inline constexpr std::uint32_t kMaxWaitSeconds = 60;
 
 /// Method and pattern of every route of the API.
 std::vector<std::pair<std::string, std::string>> api_routes();
-
-/// A job as the answer, with its ETag.
 
 /// A scene as the answer.
 Response scene_response(int status, const StoredScene&);

@@ -52,7 +52,6 @@ void Exchange::ask(const Handler& handler, const Lobby& lobby) {
 }
 
 void Exchange::ask_again(const Lobby& lobby) {
-  request.asleep += Connection::Clock::now() - parked_at;
   watch_.reset();
   const auto headers = std::move(response.headers);
   const Handler answer = std::move(response.later->answer);

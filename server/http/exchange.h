@@ -24,7 +24,10 @@ struct Exchange {
   /// Makes the response: what `handler` returns, or the problem that stands for what it throws.
   /// When that comes later, `bell` is one of the lobby's, which rings then.
   void ask(const Handler&, const Lobby&);
-  /// It rang, or the time is up: makes the response that was to come later.
+  /// The bell rang, the time is up, or the peer has gone: what passes from now on is not what the
+  /// client asked to wait for.
+  void wake() { request.asleep += Connection::Clock::now() - parked_at; }
+  /// After that: makes the response that was to come later.
   void ask_again(const Lobby&);
 
   Connection::Clock::duration time() const { return Connection::Clock::now() - began; }

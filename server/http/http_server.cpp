@@ -201,6 +201,7 @@ void HttpServer::Impl::park(const std::shared_ptr<Exchange>& exchange,
   exchange->parked_at = Connection::Clock::now();
   connection->deadline = exchange->response.later->until;
   const auto go = [this, exchange](std::unique_ptr<Connection> back, Lobby::End end) {
+    exchange->wake();
     auto shared = std::make_shared<std::unique_ptr<Connection>>(std::move(back));
     pool.enqueue_again([this, exchange, shared, end] {
       if (end == Lobby::End::kGone) return log_gone(*exchange);
@@ -232,7 +233,6 @@ bool HttpServer::Impl::answer(Exchange& exchange, std::unique_ptr<Connection>& c
 void HttpServer::Impl::log_gone(Exchange& exchange) const {
   constexpr int kClientGone = 499;
   const LogRequest context(exchange.request.id);
-  exchange.request.asleep += Connection::Clock::now() - exchange.parked_at;
   exchange.response.status = kClientGone;
   count(exchange);
   log_request(exchange);

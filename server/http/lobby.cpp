@@ -65,6 +65,7 @@ void Lobby::Bell::ring(const std::shared_ptr<Bell>& bell) noexcept {
   bool first = false;
   try {
     const std::lock_guard lock(mail.mutex);
+    if (mail.closed) return;
     first = mail.rung.empty();
     mail.rung.push_back(bell);
   } catch (const std::bad_alloc&) {  // its connection goes on at its deadline
@@ -136,10 +137,12 @@ void Lobby::loop() {
     next_tick = Clock::now() + std::chrono::milliseconds(kTickMs);
   }
   guests_.clear();
-  std::vector<Guest> closed;
+  std::vector<Guest> closed;  // goes without the lock, as do the bells, which have the mail
+  std::vector<std::shared_ptr<Bell>> rung;
   const std::lock_guard lock(mail_->mutex);
   mail_->closed = true;
-  closed.swap(mail_->arrivals);  // they go without the lock
+  closed.swap(mail_->arrivals);
+  rung.swap(mail_->rung);
 }
 
 void Lobby::take_mail() {

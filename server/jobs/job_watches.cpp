@@ -1,5 +1,6 @@
 #include "server/jobs/job_watches.h"
 
+#include <atomic>
 #include <map>
 #include <mutex>
 
@@ -12,8 +13,8 @@ struct JobWatches::Book {
   };
   using Watchers = std::map<std::uint64_t, Watcher>;
 
+  std::atomic<std::uint64_t> last{0};
   std::mutex mutex;
-  std::uint64_t last = 0;                ///< guarded by mutex
   std::map<std::string, Watchers> jobs;  ///< guarded by mutex
 };
 
@@ -23,7 +24,6 @@ std::shared_ptr<JobWatches::Book> JobWatches::make_book() {
 
 JobWatches::Watch JobWatches::add(const std::string& job, std::optional<std::uint64_t> since,
                                   std::function<void()> moved) {
-  const std::lock_guard lock(book_->mutex);
   const std::uint64_t number = ++book_->last;
   const auto leave = [book = book_, job, number](const void*) {
     Book::Watchers::node_type gone;  // goes without the lock
@@ -33,8 +33,12 @@ JobWatches::Watch JobWatches::add(const std::string& job, std::optional<std::uin
     gone = found->second.extract(number);
     if (found->second.empty()) book->jobs.erase(found);
   };
+  Book::Watchers entry;
+  entry.emplace(number, Book::Watcher{since, std::move(moved)});
+  // Before the lock: where memory ends, the watch ends too, and takes the lock for that.
   Watch watch(book_.get(), leave);
-  book_->jobs[job].emplace(number, Book::Watcher{since, std::move(moved)});
+  const std::lock_guard lock(book_->mutex);
+  book_->jobs[job].merge(entry);
   return watch;
 }
 

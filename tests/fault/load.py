@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """What the service does under load: the figures of docs/reliability.md.
 
-  load.py [streams|upload|jobs|throughput ...] [--seconds N] [--binary PROGRAM] [--json FILE]
+  load.py [streams|waiters|upload|jobs|throughput ...] [--seconds N] [--binary PROGRAM] [--json FILE]
 
   streams      short requests per second and their times beside 0, 200 and 5,000 event streams of a bake
+  waiters      2,000 requests that wait for one job on 8 request threads: how soon all are answered
   upload       MB/s of a large upload, and the memory it takes
   jobs         1,000 jobs by 50 clients: none may be lost
   throughput   jobs of a second and more through HTTP beside the same bakes by `lightkiln bake`
@@ -51,10 +52,14 @@ def request_loop(port, path, seconds, results):
     results.put(times)
 
 
-def hold_streams(port, job, count, ready, stop, results):
-    """Reads `count` event streams until told to stop."""
+def raise_open_files():
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
+def hold_streams(port, job, count, ready, stop, results):
+    """Reads `count` event streams until told to stop."""
+    raise_open_files()
     poller, open_streams, events = select.epoll(), {}, 0
     began = time.monotonic()
     for _ in range(count):
@@ -109,6 +114,49 @@ def measure_streams(options, folder):
     ok = all(row["still_open"] == row["streams"] for row in rows) and service.ask("GET", f"/v1/jobs/{job}").json["state"] == "running"
     service.kill()
     return rows, ok
+
+
+def measure_waiters(options, folder, count=2000):
+    """Beside them two clients ask short questions, and the job they wait for keeps changing."""
+    raise_open_files()
+    service = lk.Service(options.binary, folder, ["--threads", "1", "--http-threads", "8",
+                                                  "--max-connections-per-address", "0"])
+    job = service.post_job(lk.scene_bytes(options.binary, "cornell"), LONG_BAKE).json["id"]
+    while service.ask("GET", f"/v1/jobs/{job}").json["state"] != "running":
+        time.sleep(0.2)
+    request = f"GET /v1/jobs/{job}?wait=60 HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode()
+    began = time.monotonic()
+    sockets = []
+    for _ in range(count):
+        sockets.append(socket.create_connection(("127.0.0.1", service.port)))
+        sockets[-1].sendall(request)
+    while service.metric("http_waiting") < count and time.monotonic() - began < 30:
+        time.sleep(0.01)
+    parked = time.monotonic() - began
+    results = multiprocessing.Queue()
+    clients = [multiprocessing.Process(target=request_loop, args=(service.port, f"/v1/jobs/{job}", options.seconds, results))
+               for _ in range(2)]
+    for client in clients:
+        client.start()
+    times = [value for _ in clients for value in results.get()]
+    for client in clients:
+        client.join()
+    memory = service.rss()
+    began = time.monotonic()
+    service.ask("POST", f"/v1/jobs/{job}/cancel")
+    answered = 0
+    for connection in sockets:
+        connection.settimeout(30)
+        text = b""
+        while part := connection.recv(1 << 16):
+            text += part
+        answered += text.startswith(b"HTTP/1.1 200") and b'"canceled"' in text
+        connection.close()
+    row = {"waiting": count, "parked_in_s": round(parked, 2), "answered": answered,
+           "answered_in_s": round(time.monotonic() - began, 2), "requests_per_s": round(len(times) / options.seconds),
+           **lk.summary_ms(times), "rss_mib": round(memory / (1 << 20), 1)}
+    service.kill()
+    return [row], answered == count
 
 
 def measure_upload(options, folder):
@@ -194,7 +242,7 @@ def measure_throughput(options, folder, count=8):
 
 
 def main():
-    parts = {"streams": measure_streams, "upload": measure_upload, "jobs": measure_jobs, "throughput": measure_throughput}
+    parts = {"streams": measure_streams, "waiters": measure_waiters, "upload": measure_upload, "jobs": measure_jobs, "throughput": measure_throughput}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", default=list(parts))
     parser.add_argument("--seconds", type=float, default=10)

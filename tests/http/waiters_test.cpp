@@ -228,6 +228,7 @@ TEST_F(Waiters, AreAnsweredBeforeWhatTheySendMeanwhile) {
   EXPECT_LT(first, second) << three;
   EXPECT_LT(second, three.rfind("HTTP/1.1 200")) << three;
   const std::string both = slow.read("HTTP/1.1 404", seconds(10));
+  ASSERT_NE(both.find("HTTP/1.1 404"), std::string::npos) << both;
   EXPECT_LT(both.find("\"canceled\""), both.find("HTTP/1.1 404")) << both;
   fake_.go = true;
 }

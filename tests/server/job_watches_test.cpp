@@ -46,6 +46,7 @@ TEST(JobWatches, EndWithTheirHandleWhichMayComeLast) {
   EXPECT_EQ(calls, 0);
 }
 
+// What a race detector should see, above all.
 TEST(JobWatches, MayBeAddedAndEndedWhileOthersTell) {
   JobWatches watches;
   std::atomic<bool> done{false};
@@ -65,6 +66,9 @@ TEST(JobWatches, MayBeAddedAndEndedWhileOthersTell) {
   done = true;
   teller.join();
   EXPECT_LE(calls, 200);
+  const int before = calls;
+  watches.tell("job_a", 2, true);
+  EXPECT_EQ(calls, before) << "those that have ended hear nothing";
 }
 
 class WatchedJob : public JobServiceTest {};
