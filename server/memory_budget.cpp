@@ -141,13 +141,24 @@ proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
 }
 
 void MemoryBudget::leave(std::uint64_t taken) {
+  std::shared_ptr<const std::function<void()>> woken;
   {
     const std::lock_guard lock(mutex_);
     --running_;
     taken_ -= taken;
+    for (; !woken && !watches_.empty(); watches_.pop_front()) woken = watches_.front().lock();
   }
   changed_.notify_all();
+  if (woken) (*woken)();
   if (hook_ && taken > 0) hook_();
+}
+
+std::shared_ptr<const void> MemoryBudget::watch(std::function<void()> wake) {
+  const auto watch = std::make_shared<const std::function<void()>>(std::move(wake));
+  const std::lock_guard lock(mutex_);
+  watches_.remove_if([](const auto& other) { return other.expired(); });
+  watches_.push_back(watch);
+  return watch;
 }
 
 MemoryBudget::Place::Place(Place&& other) noexcept

@@ -4,7 +4,9 @@
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
+#include <list>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -81,6 +83,10 @@ class MemoryBudget {
                                std::optional<std::chrono::milliseconds> patience = {},
                                const std::string& job = {});
 
+  /// For those that were refused: calls `wake` once, from any thread and with no lock held, when a
+  /// process has ended, the longest watch first. Ends with what it returns.
+  std::shared_ptr<const void> watch(std::function<void()> wake);
+
   /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
   /// there are any.
   void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
@@ -105,6 +111,7 @@ class MemoryBudget {
   std::uint32_t impatient_ = 0;                    ///< that wait with patience
   std::uint64_t last_ticket_ = 0;
   std::set<std::uint64_t> line_;  ///< tickets of those that wait for memory
+  std::list<std::weak_ptr<const std::function<void()>>> watches_;
 };
 
 }  // namespace kiln::server

@@ -76,6 +76,9 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
 ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer,
                             std::shared_ptr<MemoryBudget> memory) {
   ServiceParts parts;
+  parts.watch_checks = [memory](std::function<void()> wake) {
+    return memory->watch(std::move(wake));
+  };
   parts.memory = std::move(memory);
   parts.bake = [importer](JobInput input, baker::ThreadPool& pool, std::stop_token stop,
                           baker::BakeObserver& observer) {

@@ -95,7 +95,7 @@ struct Service::Impl {
                 Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
                 parts.sweep_interval),
         api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
-             pool.size(), import_memory(config, parts.memory.get())}),
+             parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
         admin(admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });

@@ -23,6 +23,7 @@ struct ServiceParts {
   std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
   WebhookDelays webhook_delays = kWebhookDelays;
   WebhookLimits webhook_limits{};
+  WatchFunction watch_checks = nullptr;  ///< null: those that were refused ask again now and then
 };
 
 /// The whole service in this process: store, queue, both ports. serve() is this plus signals.

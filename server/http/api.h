@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <semaphore>
@@ -30,6 +31,10 @@ namespace kiln::server {
 using CheckFunction =
     std::function<proto::Expected<void>(const baker::SceneFiles&, const proto::BakeSettings&)>;
 
+/// Calls `wake` once when a check that was refused as `overloaded` may do better; ends with what it
+/// returns.
+using WatchFunction = std::function<std::shared_ptr<const void>(std::function<void()> wake)>;
+
 /// What the routes work on; everything lives longer than they do.
 struct ApiParts {
   const ServerConfig& config;
@@ -42,6 +47,7 @@ struct ApiParts {
   UploadStore& uploads;
   const Gate& gate;
   CheckFunction check;
+  WatchFunction watch_checks;  ///< may be null
   unsigned bake_threads = 1;
   std::uint64_t import_memory_bytes = 0;  ///< that reading one scene may take; 0: no limit
 };
@@ -80,8 +86,15 @@ class Api {
   Response get_root(Request&);
   Response get_openapi(Request&);
 
-  proto::Expected<Submission> read_job_request(Request&);
-  proto::Expected<Submission> read_json_job(Request&);
+  /// A job as it was asked for: of a scene that is stored, or of one that came along.
+  struct JobRequest {
+    Submission job;
+    std::optional<SceneUpload> upload;
+    baker::SceneFiles files() const { return upload ? upload->files() : job.scene.files; }
+  };
+  proto::Expected<JobRequest> read_job_request(Request&);
+  proto::Expected<JobRequest> read_json_job(Request&);
+  Response submit(Request&, JobRequest&);
   proto::Expected<std::optional<nlohmann::json>> read_json_object(Request&);
   nlohmann::json job_document(proto::Job) const;               ///< with its place in the queue
   Response job_response(int status, const proto::Job&) const;  ///< with its ETag
@@ -95,7 +108,16 @@ class Api {
   Response finished_upload(Request&, const PartialUpload&);
   /// A scene that the client uploaded, or may see. Errors: `not_found`.
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
-  proto::Expected<SceneUpload> receive_scene(Request&);
+  proto::Expected<std::shared_ptr<SceneUpload>> receive_scene(Request&);
+  using CheckAnswer = std::function<Response(Request&, const proto::Expected<void>& checked)>;
+  /// Checks a scene, for which the request waits without a thread while too many others are read:
+  /// until then, after which it is `overloaded`.
+  Response answer_when_checked(Request&, const baker::SceneFiles&, const proto::BakeSettings&,
+                               CheckAnswer, std::chrono::steady_clock::time_point until);
+  static std::chrono::steady_clock::time_point last_check();
+  using StoreAnswer = std::function<Response(Request&, const proto::Expected<SceneStore::Put>&)>;
+  /// Puts a scene into the store when it has passed the check.
+  Response store_when_checked(Request&, std::shared_ptr<SceneUpload>, StoreAnswer);
   proto::Expected<SceneStore::Put> put_scene(const Request&, SceneUpload&&);
   using JobAnswer = std::function<Response(Request&, const proto::Job&)>;
   /// The answer to a job when it is over, or of another version than `since`; else after the time.

@@ -18,39 +18,54 @@ Response scene_response(int status, const StoredScene& scene) {
                                 {"links", {{"self", scene_path(scene)}}}});
 }
 
-// Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
-// a job names the scene.
-proto::Expected<SceneUpload> Api::receive_scene(Request& request) {
+proto::Expected<std::shared_ptr<SceneUpload>> Api::receive_scene(Request& request) {
   auto upload = receive_upload(
       request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
       /*for_job=*/false);
   if (!upload) return proto::Unexpected(upload.error());
+  return std::make_shared<SceneUpload>(std::move(upload->scene));
+}
+
+// Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
+// a job names the scene.
+Response Api::store_when_checked(Request& request, std::shared_ptr<SceneUpload> scene,
+                                 StoreAnswer answer) {
   proto::BakeSettings any_light;
   any_light.allow_dark = true;
-  if (auto ok = parts_.check(upload->scene.files(), any_light); !ok)
-    return proto::Unexpected(ok.error());
-  return std::move(upload->scene);
+  const auto files = scene->files();
+  return answer_when_checked(
+      request, files, any_light,
+      [this, scene = std::move(scene), answer = std::move(answer)](
+          Request& again, const proto::Expected<void>& checked) {
+        if (!checked) return answer(again, proto::Unexpected(checked.error()));
+        return answer(again, put_scene(again, std::move(*scene)));
+      },
+      last_check());
 }
 
 Response Api::post_scene(Request& request) {
   auto scene = receive_scene(request);
   if (!scene) return problem(scene.error(), request);
-  auto put = put_scene(request, std::move(*scene));
-  if (!put) return problem(put.error(), request);
-  return scene_response(put->created ? 201 : 200, put->scene)
-      .header("Location", scene_path(put->scene));
+  return store_when_checked(request, std::move(*scene),
+                            [](Request& again, const proto::Expected<SceneStore::Put>& put) {
+                              if (!put) return problem(put.error(), again);
+                              return scene_response(put->created ? 201 : 200, put->scene)
+                                  .header("Location", scene_path(put->scene));
+                            });
 }
 
 // The client says which scene it sends: what arrives has to be that one.
 Response Api::put_scene_named(Request& request) {
   auto scene = receive_scene(request);
   if (!scene) return problem(scene.error(), request);
-  const std::string key = identify_scene(scene->main->sha256, scene->side).key;
+  const std::string key = identify_scene((*scene)->main->sha256, (*scene)->side).key;
   if (key != request.parameters.at(0))
     return problem({"digest_mismatch", "What arrived is sha256:" + key + ".", {}}, request);
-  auto put = put_scene(request, std::move(*scene));
-  if (!put) return problem(put.error(), request);
-  return scene_response(put->created ? 201 : 200, put->scene);
+  return store_when_checked(request, std::move(*scene),
+                            [](Request& again, const proto::Expected<SceneStore::Put>& put) {
+                              return put ? scene_response(put->created ? 201 : 200, put->scene)
+                                         : problem(put.error(), again);
+                            });
 }
 
 proto::Expected<void> Api::check_owner(const Request& request, const std::string& scene) const {

@@ -74,11 +74,12 @@ proto::Expected<std::optional<nlohmann::json>> Api::read_json_object(Request& re
 }
 
 // {"scene": "sha256:...", "settings": {...}, and options}
-proto::Expected<Submission> Api::read_json_job(Request& request) {
+proto::Expected<Api::JobRequest> Api::read_json_job(Request& request) {
   auto body = read_json_object(request);
   if (!body) return proto::Unexpected(body.error());
   nlohmann::json document = body->value_or(nlohmann::json::object());
-  Submission job;
+  JobRequest asked;
+  Submission& job = asked.job;
   nlohmann::json options = document;
   options.erase("scene");
   options.erase("settings");
@@ -99,18 +100,17 @@ proto::Expected<Submission> Api::read_json_job(Request& request) {
     if (!settings) return proto::Unexpected(settings.error());
     job.settings = std::move(*settings);
   }
-  if (auto ok = parts_.check(job.scene.files, job.settings); !ok)
-    return proto::Unexpected(ok.error());
-  return job;
+  return asked;
 }
 
-proto::Expected<Submission> Api::read_job_request(Request& request) {
+proto::Expected<Api::JobRequest> Api::read_job_request(Request& request) {
   if (media_type(request.head) == "application/json") return read_json_job(request);
   auto upload = receive_upload(
       request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
       /*for_job=*/true);
   if (!upload) return proto::Unexpected(upload.error());
-  Submission job;
+  JobRequest asked;
+  Submission& job = asked.job;
   auto settings = proto::parse_settings(upload->settings.value_or(""));
   if (!settings) return proto::Unexpected(settings.error());
   job.settings = std::move(*settings);
@@ -121,12 +121,33 @@ proto::Expected<Submission> Api::read_job_request(Request& request) {
     if (!options) return proto::Unexpected(options.error());
     job.options = std::move(*options);
   }
-  if (auto ok = parts_.check(upload->scene.files(), job.settings); !ok)
-    return proto::Unexpected(ok.error());
-  auto put = put_scene(request, std::move(upload->scene));
-  if (!put) return proto::Unexpected(put.error());
-  job.scene = std::move(put->scene);
-  return job;
+  asked.upload.emplace(std::move(upload->scene));
+  return asked;
+}
+
+std::chrono::steady_clock::time_point Api::last_check() {
+  return std::chrono::steady_clock::now() + std::chrono::seconds(30);
+}
+
+Response Api::answer_when_checked(Request& request, const baker::SceneFiles& files,
+                                  const proto::BakeSettings& settings, CheckAnswer answer,
+                                  std::chrono::steady_clock::time_point until) {
+  // Who finds the line full asks again when it has moved; who missed that, after a while.
+  constexpr auto kAskAgain = std::chrono::milliseconds(100);
+  const auto checked = parts_.check(files, settings);
+  const auto now = std::chrono::steady_clock::now();
+  if (checked || checked.error().code != "overloaded" || now >= until)
+    return answer(request, checked);
+  Response response;
+  response.later =
+      Later{std::min(until, now + kAskAgain),
+            [this](std::function<void()> wake) {
+              return parts_.watch_checks ? parts_.watch_checks(std::move(wake)) : nullptr;
+            },
+            [this, files, settings, answer = std::move(answer), until](Request& again) {
+              return answer_when_checked(again, files, settings, answer, until);
+            }};
+  return response;
 }
 
 Response Api::post_job(Request& request) {
@@ -134,14 +155,28 @@ Response Api::post_job(Request& request) {
   if (!key) return problem(key.error(), request);
   if (auto open = parts_.jobs.accepting(request.principal.tenant, *key); !open)
     return problem(open.error(), request);
-  auto input = read_job_request(request);
-  if (!input) return problem(input.error(), request);
-  if (const auto& hook = input->options.webhook)
+  auto asked = read_job_request(request);
+  if (!asked) return problem(asked.error(), request);
+  Submission& job = asked->job;
+  if (const auto& hook = job.options.webhook)
     if (auto ok = parts_.webhooks.check(*hook, request.principal.tenant); !ok)
       return problem(ok.error(), request);
-  input->tenant = request.principal.tenant;
-  input->idempotency_key = *key;
-  auto submitted = parts_.jobs.submit(*input);
+  job.tenant = request.principal.tenant;
+  job.idempotency_key = *key;
+  const auto kept = std::make_shared<JobRequest>(std::move(*asked));
+  const auto answer = [this, kept](Request& again, const proto::Expected<void>& checked) {
+    return checked ? submit(again, *kept) : problem(checked.error(), again);
+  };
+  return answer_when_checked(request, kept->files(), kept->job.settings, answer, last_check());
+}
+
+Response Api::submit(Request& request, JobRequest& asked) {
+  if (asked.upload) {
+    auto put = put_scene(request, std::move(*asked.upload));
+    if (!put) return problem(put.error(), request);
+    asked.job.scene = std::move(put->scene);
+  }
+  auto submitted = parts_.jobs.submit(asked.job);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
   const auto answer = [this, patience, replayed = submitted->replayed](Request&,

@@ -186,20 +186,23 @@ Response Api::finish_upload(Request& request, const PartialUpload& upload) {
   head.content_length = upload.length;
   BodyReader body(head, [&](char* out, std::size_t n) { return ::read(file.get(), out, n); });
   Request whole{head, body, request.id, request.principal, {}, request.route};
+  const auto answer = [this, upload](Request& again, const proto::Expected<SceneStore::Put>& put) {
+    if (!put) {
+      // What the sender has to change can't be mended by sending more of it.
+      const auto& code = put.error().code;
+      if (code != "storage_full" && code != "io_error" && code != "overloaded")
+        parts_.uploads.remove(upload.id);
+      return problem(put.error(), again);
+    }
+    if (auto ok = parts_.uploads.finished(upload.id, put->scene.key); !ok)
+      return problem(ok.error(), again);
+    return with_progress(scene_response(put->created ? 201 : 200, put->scene)
+                             .header("Location", scene_path(put->scene)),
+                         upload);
+  };
   auto scene = receive_scene(whole);
-  if (!scene) {
-    // What the sender has to change can't be mended by sending more of it.
-    const auto& code = scene.error().code;
-    if (code != "storage_full" && code != "io_error") parts_.uploads.remove(upload.id);
-    return problem(scene.error(), request);
-  }
-  auto put = put_scene(request, std::move(*scene));
-  if (!put) return problem(put.error(), request);
-  if (auto ok = parts_.uploads.finished(upload.id, put->scene.key); !ok)
-    return problem(ok.error(), request);
-  return with_progress(scene_response(put->created ? 201 : 200, put->scene)
-                           .header("Location", scene_path(put->scene)),
-                       upload);
+  if (!scene) return answer(request, proto::Unexpected(scene.error()));
+  return store_when_checked(request, std::move(*scene), answer);
 }
 
 // The answer to the last piece was lost: it is given again.

@@ -180,6 +180,10 @@ bool HttpServer::Impl::begin(std::unique_ptr<Connection>& connection, Turn& turn
 
 bool HttpServer::Impl::go_on(const std::shared_ptr<Exchange>& exchange,
                              std::unique_ptr<Connection>& connection, Turn& turn) {
+  // What has waited already and would wait again must not turn in a circle when all bells ring.
+  const bool again = exchange->parked_at != Connection::Clock::time_point{};
+  if (exchange->response.later && stopping && again)
+    exchange->response = problem({"draining", "The service is going.", {}}, exchange->request);
   if (!exchange->response.later) return answer(*exchange, connection, turn);
   park(exchange, std::move(connection), turn);
   return true;

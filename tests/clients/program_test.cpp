@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "support/sanitizer.h"
 #include "support/temp_files.h"
 
 /// The built program, as a user meets it.
@@ -45,6 +46,7 @@ TEST_F(Program, HelpAndVersion) {
 // What is stated is never exceeded; and where a bake takes more than a process does anyway, it is
 // not far off either.
 TEST_F(Program, BakesStateTheirMemoryBeforeTheyTakeIt) {
+  if (test::kSlowdown != 1) GTEST_SKIP() << "a sanitizer takes memory of its own";
   struct Case {
     const char *scene, *settings;
   };

@@ -83,8 +83,56 @@ class Waiters : public testing::Test {
     return post_job(live.port());
   }
 
+  /// A service whose checks are refused as long as `busy`.
+  Live live_with_checks(const std::atomic<bool>& busy, std::atomic<int>& checks) {
+    const auto check = [&](const baker::SceneFiles&,
+                           const proto::BakeSettings&) -> proto::Expected<void> {
+      ++checks;
+      if (busy) return proto::fail("overloaded", "Too many scenes are being read at once.");
+      return {};
+    };
+    return Live(fake_.instant(), config(), {}, check);
+  }
+
   FakeBake fake_;
 };
+
+// A burst of uploads is worked off, not refused.
+TEST_F(Waiters, UploadsWaitForTheirTurnToBeRead) {
+  std::atomic<bool> busy{true};
+  std::atomic<int> checks{0};
+  const Live live = live_with_checks(busy, checks);
+  const std::string body = form({{"name=\"scene\"; filename=\"a.glb\"", "glTF"},
+                                 {"name=\"options\"", R"({"dedupe":false})"}});
+  const std::string post = "POST /v1/jobs HTTP/1.1\r\nHost: x\r\n" + kForm +
+                           "\r\nContent-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
+  std::vector<Wire> wires;
+  for (unsigned i = 0; i < 5 * kThreads; ++i) {
+    wires.emplace_back(live.port());
+    ASSERT_TRUE(wires.back().send(post));
+  }
+  expect_waiting(live, wires.size());
+  EXPECT_EQ(ask(live.port(), "GET", "/v1/jobs").status, 200) << "none of them holds a thread";
+  const int before = checks;
+  std::this_thread::sleep_for(seconds(1));
+  EXPECT_LE(checks - before, int(10 * wires.size())) << "nor turns in a circle";
+  busy = false;
+  for (const Wire& wire : wires) EXPECT_EQ(read_answer(wire).status, 202);
+}
+
+TEST_F(Waiters, UploadsThatWaitAreToldOfTheEnd) {
+  const std::atomic<bool> busy{true};
+  std::atomic<int> checks{0};
+  const Live live = live_with_checks(busy, checks);
+  const Wire wire(live.port());
+  ASSERT_TRUE(
+      wire.send("POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\n"
+                "Content-Type: model/gltf-binary\r\n\r\nglTF"));
+  expect_waiting(live, 1);
+  auto stopped = std::async(std::launch::async, [&] { live.service->stop(seconds(20)); });
+  EXPECT_EQ(read_answer(wire).status, 503);
+  stopped.get();
+}
 
 TEST_F(Waiters, FiveHundredHearOfTheEndAndNobodyElseWaits) {
   const Live live(fake_.holding(), config());

@@ -192,6 +192,20 @@ TEST(MemoryBudget, FewMayWaitWithPatience) {
   EXPECT_TRUE(budget.enter(1, {}, kLong)) << "who need not wait, may come";
 }
 
+TEST(MemoryBudget, WakesOneWatchForEachProcessThatEnds) {
+  MemoryBudget budget(1000, {2, 600, 100});
+  std::string woken;
+  const auto watch = [&](char name) { return budget.watch([&woken, name] { woken += name; }); };
+  const auto a = watch('a');
+  auto b = watch('b');
+  const auto c = watch('c'), d = watch('d');
+  b.reset();
+  for (const char* expected : {"a", "ac", "acd", "acd"}) {
+    ASSERT_TRUE(budget.enter(1, {}, 0ms));  // and out again
+    EXPECT_EQ(woken, expected);
+  }
+}
+
 TEST(MemoryBudget, IsNeverExceeded) {
   MemoryBudget budget(1000, {3, 500, 50});
   std::atomic<std::int64_t> taken{0}, most{0}, processes{0};
