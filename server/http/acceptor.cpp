@@ -77,7 +77,7 @@ bool Acceptor::bind(std::uint16_t port) {
   listener_.reset();
   listener_ = listen_on(address_, port);
   if (!listener_.valid()) return false;
-  port_ = port_of(listener_.get());
+  if (port_ == 0) port_ = port_of(listener_.get());  // bound again, it is the same: others read it
   return true;
 }
 

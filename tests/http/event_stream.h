@@ -6,6 +6,7 @@
 
 #include "clients/sse_parser.h"
 #include "live.h"
+#include "support/sanitizer.h"
 
 namespace kiln::server {
 
@@ -18,11 +19,12 @@ class EventStream {
   EventStream(std::uint16_t port, const std::string& path, const std::vector<std::string>& headers);
 
   /// Reads until an event of this type has come. Whether it did, in time.
-  bool wait_for(const std::string& type, std::chrono::milliseconds time = std::chrono::seconds(30));
+  bool wait_for(const std::string& type,
+                std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
   /// Reads until one more event has come.
-  bool wait_next(std::chrono::milliseconds time = std::chrono::seconds(30));
+  bool wait_next(std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
   /// Reads until the server ends the stream properly. Whether it did, in time.
-  bool wait_end(std::chrono::milliseconds time = std::chrono::seconds(30));
+  bool wait_end(std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
 
   int status() const { return status_; }
   const std::vector<proto::Event>& events() const { return events_; }
