@@ -236,8 +236,8 @@ class FewLights {
       weigh(tile[i], i);
     }
     const bool closed_form = in_.settings.uses(proto::Technique::kClosedForm);
-    for (std::uint32_t l = 0; l < lights.size() && closed_form; ++l)
-      if (lights[l].is_uniform()) light_by(l, tile, first, count, arrived);
+    for (std::uint32_t l = 0; l < lights.size(); ++l)
+      if (closed_form && lights[l].is_uniform()) light_by(l, tile, first, count, arrived);
     for (std::size_t i = 0; i < tile.size(); ++i)
       light_by_rest(tile[i], share_[i], first, count, shadows, arrived[i]);
   }

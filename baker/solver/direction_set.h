@@ -12,9 +12,8 @@ namespace kiln::baker {
 /// in the order in which it is traced, packets of sixteen. Runs that begin at a multiple of their
 /// length, a power of two, are nets, and together with the runs before them again a net.
 struct DirectionSet {
-  std::vector<std::uint32_t> x,
-      y;                    ///< points of the sequence, fractions of 2^32, padded to whole packets
-  std::uint32_t first = 0;  ///< its place in the sequence
+  std::vector<std::uint32_t> x, y;  ///< of its points, fractions of 2^32, padded to whole packets
+  std::uint32_t first = 0;          ///< its place in the sequence
   std::uint32_t count = 0;
   bool coherent = false;  ///< each run of sixteen is a narrow cone
 

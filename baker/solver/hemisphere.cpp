@@ -82,17 +82,17 @@ class Hemisphere::Tracer {
     Census census;
     for (std::uint32_t first = 0; first < set_.size(); first += 16) {
       const std::uint32_t flip = flip_of(first);
-      std::uint32_t lanes = 0;
+      std::uint32_t lanes = 0, sample[16];
       own.begin_packet(packet_of(first));
       for (std::uint32_t i = 0; i < 16; ++i) {
-        points_.x[i] = set_.x[first + Footprint::sample_of(i ^ flip)],
-        points_.y[i] = set_.y[first + Footprint::sample_of(i ^ flip)];
+        sample[i] = first + Footprint::sample_of(i ^ flip);
+        points_.x[i] = set_.x[sample[i]], points_.y[i] = set_.y[sample[i]];
         pick_[i] = own.pick(i);
-        lanes |= std::uint32_t(first + Footprint::sample_of(i ^ flip) < set_.size()) << i;
+        lanes |= std::uint32_t(sample[i] < set_.size()) << i;
       }
       trace(frames, lanes, set_.coherent);
       for (std::uint32_t i = 0; i < 16; ++i)
-        if (lanes >> i & 1) take(i, i, first + Footprint::sample_of(i ^ flip), of, census);
+        if (lanes >> i & 1) take(i, i, sample[i], of, census);
     }
     return census;
   }

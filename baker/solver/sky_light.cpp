@@ -7,6 +7,8 @@
 #include <numeric>
 #include <span>
 
+#include "baker/exec/stop.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -28,17 +30,6 @@ bool for_runs(const Workers* workers, std::uint32_t count,
   constexpr std::uint32_t kRows = 4;
   if (workers) return workers->for_runs(count, kRows, use);
   use(0, count);
-  return true;
-}
-
-/// Fills with zeros up to `size`, which takes a while where that is 1 GiB. False when stopped.
-bool grow(std::vector<float>& values, std::size_t size, const Workers* workers) {
-  constexpr std::size_t kStep = std::size_t(1) << 22;
-  values.reserve(size);
-  while (values.size() < size) {
-    if (workers && workers->stop.stop_requested()) return false;
-    values.resize(std::min(size, values.size() + kStep));
-  }
   return true;
 }
 
@@ -77,7 +68,8 @@ SkyLight::SkyLight(const Scene& scene, const Workers* workers)
   const double power = std::accumulate(of_row.begin(), of_row.end(), 0.0);
   const double sphere = 4 * std::numbers::pi;
   floor_ = float(power / sphere);
-  if (!grow(pixel_ends_, map_.texels.size(), workers)) return;
+  const std::stop_token stop = workers ? workers->stop : std::stop_token();
+  if (!grow_unless_stopped(pixel_ends_, map_.texels.size(), stop)) return;
   const auto excess_of_row = [&](std::size_t y, double sr) {
     double sum = 0, below = 0;
     const std::size_t begin = y * width, end = begin + width;

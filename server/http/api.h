@@ -110,11 +110,12 @@ class Api {
   proto::Expected<void> check_owner(const Request&, const std::string& scene) const;
   proto::Expected<std::shared_ptr<SceneUpload>> receive_scene(Request&);
   using CheckAnswer = std::function<Response(Request&, const proto::Expected<void>& checked)>;
-  /// Checks a scene, for which the request waits without a thread while too many others are read:
-  /// until then, after which it is `overloaded`.
+  /// Checks a scene. While too many others are being read the request waits without a thread, for
+  /// half a minute; then it is `overloaded`.
+  Response answer_when_checked(Request&, const baker::SceneFiles&, const proto::BakeSettings&,
+                               CheckAnswer);
   Response answer_when_checked(Request&, const baker::SceneFiles&, const proto::BakeSettings&,
                                CheckAnswer, std::chrono::steady_clock::time_point until);
-  static std::chrono::steady_clock::time_point last_check();
   using StoreAnswer = std::function<Response(Request&, const proto::Expected<SceneStore::Put>&)>;
   /// Puts a scene into the store when it has passed the check.
   Response store_when_checked(Request&, std::shared_ptr<SceneUpload>, StoreAnswer);

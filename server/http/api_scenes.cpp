@@ -33,14 +33,13 @@ Response Api::store_when_checked(Request& request, std::shared_ptr<SceneUpload> 
   proto::BakeSettings any_light;
   any_light.allow_dark = true;
   const auto files = scene->files();
-  return answer_when_checked(
-      request, files, any_light,
-      [this, scene = std::move(scene), answer = std::move(answer)](
-          Request& again, const proto::Expected<void>& checked) {
-        if (!checked) return answer(again, proto::Unexpected(checked.error()));
-        return answer(again, put_scene(again, std::move(*scene)));
-      },
-      last_check());
+  return answer_when_checked(request, files, any_light,
+                             [this, scene = std::move(scene), answer = std::move(answer)](
+                                 Request& again, const proto::Expected<void>& checked) {
+                               if (!checked)
+                                 return answer(again, proto::Unexpected(checked.error()));
+                               return answer(again, put_scene(again, std::move(*scene)));
+                             });
 }
 
 Response Api::post_scene(Request& request) {

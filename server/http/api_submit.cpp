@@ -125,8 +125,11 @@ proto::Expected<Api::JobRequest> Api::read_job_request(Request& request) {
   return asked;
 }
 
-std::chrono::steady_clock::time_point Api::last_check() {
-  return std::chrono::steady_clock::now() + std::chrono::seconds(30);
+Response Api::answer_when_checked(Request& request, const baker::SceneFiles& files,
+                                  const proto::BakeSettings& settings, CheckAnswer answer) {
+  constexpr auto kPatience = std::chrono::seconds(30);
+  return answer_when_checked(request, files, settings, std::move(answer),
+                             std::chrono::steady_clock::now() + kPatience);
 }
 
 Response Api::answer_when_checked(Request& request, const baker::SceneFiles& files,
@@ -167,7 +170,7 @@ Response Api::post_job(Request& request) {
   const auto answer = [this, kept](Request& again, const proto::Expected<void>& checked) {
     return checked ? submit(again, *kept) : problem(checked.error(), again);
   };
-  return answer_when_checked(request, kept->files(), kept->job.settings, answer, last_check());
+  return answer_when_checked(request, kept->files(), kept->job.settings, answer);
 }
 
 Response Api::submit(Request& request, JobRequest& asked) {

@@ -83,7 +83,8 @@ struct Metrics::Impl {
       gauge(registry, "memory_reserved_bytes", "That running bakes were let in for").Add({});
   Gauge& connections =
       gauge(registry, "http_connections", "Open connections to the API, streams too").Add({});
-  Gauge& waiting = gauge(registry, "http_waiting", "Requests that wait for a job").Add({});
+  Gauge& waiting =
+      gauge(registry, "http_waiting", "Requests that wait for a job, or to be read").Add({});
   Gauge& descriptors = gauge(registry, "process_open_fds", "Open descriptors").Add({});
   Gauge& memory = gauge(registry, "process_resident_memory_bytes", "Memory in use").Add({});
 

@@ -83,13 +83,9 @@ def hold_streams(port, job, count, ready, stop, results):
     results.put((len(open_streams), events, opened))
 
 
-def beside(service, job, streams, seconds):
-    results, ready, stop = multiprocessing.Queue(), multiprocessing.Event(), multiprocessing.Event()
-    held = multiprocessing.Queue()
-    holder = multiprocessing.Process(target=hold_streams, args=(service.port, job, streams, ready, stop, held))
-    holder.start()
-    ready.wait(60)
-    time.sleep(2)
+def short_requests(service, job, seconds):
+    """How soon two clients have their answers about a job."""
+    results = multiprocessing.Queue()
     clients = [multiprocessing.Process(target=request_loop, args=(service.port, f"/v1/jobs/{job}", seconds, results))
                for _ in range(2)]
     for client in clients:
@@ -97,19 +93,35 @@ def beside(service, job, streams, seconds):
     times = [value for _ in clients for value in results.get()]
     for client in clients:
         client.join()
+    return {"requests_per_s": round(len(times) / seconds), **lk.summary_ms(times),
+            "rss_mib": round(service.rss() / (1 << 20), 1)}
+
+
+def service_that_bakes(options, folder, *flags):
+    """A service and a job that runs on one processor for as long as it is looked at."""
+    service = lk.Service(options.binary, folder, ["--threads", "1", "--max-connections-per-address", "0", *flags])
+    job = service.post_job(lk.scene_bytes(options.binary, "cornell"), LONG_BAKE).json["id"]
+    while service.ask("GET", f"/v1/jobs/{job}").json["state"] != "running":
+        time.sleep(0.2)
+    return service, job
+
+
+def beside(service, job, streams, seconds):
+    ready, stop, held = multiprocessing.Event(), multiprocessing.Event(), multiprocessing.Queue()
+    holder = multiprocessing.Process(target=hold_streams, args=(service.port, job, streams, ready, stop, held))
+    holder.start()
+    ready.wait(60)
+    time.sleep(2)
+    row = short_requests(service, job, seconds)
     open_at_end, events, opened = (stop.set(), held.get())[1]
     holder.join()
     return {"streams": streams, "still_open": open_at_end, "opened_in_s": round(opened, 2), "events_read": events,
-            "requests_per_s": round(len(times) / seconds), **lk.summary_ms(times),
-            "rss_mib": round(service.rss() / (1 << 20), 1)}
+            **row}
 
 
 def measure_streams(options, folder):
     """The bake takes one processor; the service, these clients and their streams share the rest."""
-    service = lk.Service(options.binary, folder, ["--threads", "1", "--max-connections-per-address", "0"])
-    job = service.post_job(lk.scene_bytes(options.binary, "cornell"), LONG_BAKE).json["id"]
-    while service.ask("GET", f"/v1/jobs/{job}").json["state"] != "running":
-        time.sleep(0.2)
+    service, job = service_that_bakes(options, folder)
     rows = [beside(service, job, streams, options.seconds) for streams in (0, 200, 5000)]
     ok = all(row["still_open"] == row["streams"] for row in rows) and service.ask("GET", f"/v1/jobs/{job}").json["state"] == "running"
     service.kill()
@@ -119,11 +131,7 @@ def measure_streams(options, folder):
 def measure_waiters(options, folder, count=2000):
     """Beside them two clients ask short questions, and the job they wait for keeps changing."""
     raise_open_files()
-    service = lk.Service(options.binary, folder, ["--threads", "1", "--http-threads", "8",
-                                                  "--max-connections-per-address", "0"])
-    job = service.post_job(lk.scene_bytes(options.binary, "cornell"), LONG_BAKE).json["id"]
-    while service.ask("GET", f"/v1/jobs/{job}").json["state"] != "running":
-        time.sleep(0.2)
+    service, job = service_that_bakes(options, folder, "--http-threads", "8")
     request = f"GET /v1/jobs/{job}?wait=60 HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode()
     began = time.monotonic()
     sockets = []
@@ -133,15 +141,7 @@ def measure_waiters(options, folder, count=2000):
     while service.metric("http_waiting") < count and time.monotonic() - began < 30:
         time.sleep(0.01)
     parked = time.monotonic() - began
-    results = multiprocessing.Queue()
-    clients = [multiprocessing.Process(target=request_loop, args=(service.port, f"/v1/jobs/{job}", options.seconds, results))
-               for _ in range(2)]
-    for client in clients:
-        client.start()
-    times = [value for _ in clients for value in results.get()]
-    for client in clients:
-        client.join()
-    memory = service.rss()
+    beside_them = short_requests(service, job, options.seconds)
     began = time.monotonic()
     service.ask("POST", f"/v1/jobs/{job}/cancel")
     answered = 0
@@ -153,8 +153,7 @@ def measure_waiters(options, folder, count=2000):
         answered += text.startswith(b"HTTP/1.1 200") and b'"canceled"' in text
         connection.close()
     row = {"waiting": count, "parked_in_s": round(parked, 2), "answered": answered,
-           "answered_in_s": round(time.monotonic() - began, 2), "requests_per_s": round(len(times) / options.seconds),
-           **lk.summary_ms(times), "rss_mib": round(memory / (1 << 20), 1)}
+           "answered_in_s": round(time.monotonic() - began, 2), **beside_them}
     service.kill()
     return [row], answered == count
 
