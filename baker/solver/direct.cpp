@@ -1,5 +1,6 @@
 #include "baker/solver/direct.h"
 
+#include <algorithm>
 #include <array>
 #include <numeric>
 #include <optional>
@@ -175,7 +176,7 @@ class ManyLights {
 
   void light(std::span<const Receiver> tile, std::uint32_t first, std::uint32_t count,
              ShadowBatch& shadows, std::span<Estimate> arrived) {
-    start_tile({tile.front().texel, tile.back().texel + 1});
+    start_tile(tile);
     for (std::size_t i = 0; i < tile.size(); ++i)
       arrived[i] += sampled_light(in_, tile[i].at, LightChoice::Walk(choice_), first, count,
                                   tile[i].seed, shadows);
@@ -184,39 +185,64 @@ class ManyLights {
 
  private:
   /// Looks at the lights from up to four texels spread over the tile, and from one of each surface
-  /// in it.
-  void start_tile(TexelRange tile) {
+  /// in it. Each stands for those that are nearest to it: what only one of them sees must not be
+  /// left to chance.
+  void start_tile(std::span<const Receiver> tile) {
     choice_.clear();
     if (!in_.settings.uses(proto::Technique::kLightImportance)) return choice_.finish();
     const TextureGroup& texels = in_.texels;
-    const std::uint32_t step = std::max(1u, tile.size() / kPilots);
-    for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
+    const std::size_t step = std::max(std::size_t(1), tile.size() / kPilots);
+    pilots_.clear();
+    for (std::size_t i = 0; i < tile.size(); ++i) {
+      const std::uint32_t t = tile[i].texel;
       const bool new_surface =
-          t > tile.begin && (texels.chart[t] != texels.chart[t - 1] ||
-                             dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
-      if ((t - tile.begin) % step == 0 || new_surface) look_from(t);
+          i > 0 && (texels.chart[t] != texels.chart[t - 1] ||
+                    dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
+      if (i % step == 0 || new_surface) pilots_.push_back(i);
+      frames_[i] = tile[i].at.frames();
     }
+    const auto distance2 = [&](std::size_t i, std::size_t k) {
+      const Vec3 d = texels.position[tile[i].texel] - texels.position[tile[k].texel];
+      return dot(d, d);
+    };
+    for (auto& group : around_) group.clear();
+    for (std::size_t i = 0; i < tile.size(); ++i) {
+      const auto nearest = std::min_element(
+          pilots_.begin(), pilots_.end(),
+          [&](std::size_t a, std::size_t b) { return distance2(i, a) < distance2(i, b); });
+      around_[*nearest].push_back(i);
+    }
+    for (const std::size_t pilot : pilots_) look_from(tile, pilot);
     choice_.finish();
   }
 
-  /// At one point towards lights that are far away against the footprint, else at all of its
-  /// points, for its middle tells little then.
-  void look_from(std::uint32_t texel) {
-    const Footprint at(in_, texel);
-    const PointFrames frames = at.frames();
-    const Vec3 p = in_.texels.position[texel];
-    float radius2 = 0;
-    for (const Vec3& q : at.position) radius2 = std::max(radius2, dot(q - p, q - p));
-    choice_.add(p, in_.texels.shading_normal[texel], kNearRadii * std::sqrt(radius2),
-                [&](std::uint32_t l) {
-                  const AreaLight& light = in_.lights.area()[l];
-                  return luminance(light.radiance) * lamp_.view(light, at, frames).mean;
-                });
+  /// At one point towards lights that are far away, else at all points of all texels that it
+  /// stands for, for its middle tells little then.
+  void look_from(std::span<const Receiver> tile, std::size_t pilot) {
+    const std::uint32_t texel = tile[pilot].texel;
+    const Vec3 p = in_.texels.position[texel], n = in_.texels.shading_normal[texel];
+    float radius2 = 0, extent2 = 0;
+    for (const Vec3& q : tile[pilot].at.position) radius2 = std::max(radius2, dot(q - p, q - p));
+    for (const std::size_t i : around_[pilot])
+      for (const Vec3& q : tile[i].at.position) extent2 = std::max(extent2, dot(q - p, q - p));
+    const float extent = std::sqrt(extent2);
+    const Viewpoint from{
+        {p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, kNearRadii * std::sqrt(radius2) + extent};
+    choice_.add(from, [&](std::uint32_t l) {
+      const AreaLight& light = in_.lights.area()[l];
+      float sum = 0;
+      for (const std::size_t i : around_[pilot])
+        sum += lamp_.view(light, tile[i].at, frames_[i]).mean;
+      return luminance(light.radiance) * sum / float(around_[pilot].size());
+    });
   }
 
   const SolverInput& in_;
   const LampLight lamp_;
   LightChoice choice_;
+  std::array<PointFrames, kTileTexels> frames_;
+  std::vector<std::size_t> pilots_;                           ///< places in the tile
+  std::array<std::vector<std::size_t>, kTileTexels> around_;  ///< what each pilot stands for
 };
 
 /// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the

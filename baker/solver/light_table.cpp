@@ -80,10 +80,8 @@ void LightChoice::clear() {
   std::fill(weight_.begin(), weight_.end(), 0.f);
 }
 
-void LightChoice::weigh(Vec3 p, Vec3 n, float reach) {
-  const float point[3] = {p.x, p.y, p.z}, normal[3] = {n.x, n.y, n.z};
-  kernels_.weigh_lights(table_.data(), table_.groups(), point, normal, reach, weight_.data(),
-                        near_.data());
+void LightChoice::weigh(const Viewpoint& from) {
+  kernels_.weigh_lights(table_.data(), table_.groups(), from, weight_.data(), near_.data());
 }
 
 void LightChoice::finish() {

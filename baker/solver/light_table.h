@@ -41,11 +41,11 @@ class LightChoice {
 
   /// Forgets all points.
   void clear();
-  /// Adds what a surface at `p` would get. Lights nearer than `reach`, or near against their size,
-  /// are left to `weigh_near(light)`: irradiance there, luminance-weighted, lx.
+  /// Adds what the surface around a viewpoint would get. Lights that are too near are left to
+  /// `weigh_near(light)`: irradiance there, luminance-weighted, lx.
   template <class WeighNear>
-  void add(Vec3 p, Vec3 n, float reach, WeighNear weigh_near) {
-    weigh(p, n, reach);
+  void add(const Viewpoint& from, WeighNear weigh_near) {
+    weigh(from);
     for (std::uint32_t g = 0; g < table_.groups(); ++g)
       for (std::uint32_t bits = near_[g]; bits != 0; bits &= bits - 1) {
         const std::uint32_t place = g * kGroup + static_cast<std::uint32_t>(__builtin_ctz(bits));
@@ -75,7 +75,7 @@ class LightChoice {
 
  private:
   static constexpr std::uint32_t kGroup = 16;
-  void weigh(Vec3 p, Vec3 n, float reach);
+  void weigh(const Viewpoint&);
   double probability(std::uint32_t place) const;
 
   const LightTable& table_;

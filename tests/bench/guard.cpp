@@ -71,8 +71,8 @@ void count_kernels(baker::InstructionSet set) {
   std::vector<float> weights(16 * kPackets);
   std::vector<std::uint32_t> near(kPackets);
   count(std::string("weigh_lights_") + k.name, "lane", [&] {
-    const float up[3] = {0, 1, 0};
-    k.weigh_lights(lights.data(), kPackets, up, up, 1, weights.data(), near.data());
+    const baker::Viewpoint from{{0, 1, 0}, {0, 1, 0}, 0.1f, 1};
+    k.weigh_lights(lights.data(), kPackets, from, weights.data(), near.data());
     return std::uint64_t(16 * kPackets);
   });
   std::array<std::uint32_t, 16> texels;

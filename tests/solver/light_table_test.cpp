@@ -55,10 +55,11 @@ struct Weighed {
   std::vector<float> weight;
   std::vector<std::uint32_t> near;
 
-  Weighed(const LightTable& table, InstructionSet set, Vec3 p, Vec3 n, float reach)
+  Weighed(const LightTable& table, InstructionSet set, Vec3 p, Vec3 n, float reach,
+          float extent = 0)
       : weight(table.groups() * 16), near(table.groups()) {
-    const float point[3] = {p.x, p.y, p.z}, normal[3] = {n.x, n.y, n.z};
-    kernels(set).weigh_lights(table.data(), table.groups(), point, normal, reach, weight.data(),
+    kernels(set).weigh_lights(table.data(), table.groups(),
+                              {{p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, reach}, weight.data(),
                               near.data());
   }
 };
@@ -109,15 +110,35 @@ TEST(LightTable, WeightsAreUnoccludedIrradiance) {
   EXPECT_GT(dark, 500);
 }
 
+// Of a wall half of which is above the lamp's plane and half below, the middle sees nothing, the
+// lower half a little.
+TEST(LightTable, ALightIsWeighedForAllOfTheSurfaceAroundTheViewpoint) {
+  const float side = 0.1f, extent = 0.2f, away = 2;
+  const std::vector<AreaLight> lights{
+      triangle({away, 0, 0}, {side, 0, 0}, {0, 0, side}, {10, 10, 10})};  // shines down
+  const LightTable table(lights, shares_of(lights));
+  const auto weight_at = [&](float y, float around) {
+    return Weighed(table, best_instruction_set(), {0, y, 0}, {1, 0, 0}, 0, around).weight[0];
+  };
+  ASSERT_EQ(weight_at(0, 0), 0);
+  double mean = 0;
+  constexpr int kSteps = 200;
+  for (int i = 0; i < kSteps; ++i)
+    mean += weight_at(extent * (2 * (float(i) + 0.5f) / kSteps - 1), 0) / kSteps;
+  EXPECT_NEAR(weight_at(0, extent), mean, 0.02 * mean);
+  EXPECT_EQ(weight_at(extent * 1.01f, extent), 0);
+  EXPECT_EQ(weight_at(-extent * 1.01f, extent), weight_at(-extent * 1.01f, 0));
+}
+
 TEST(LightTable, WeightsHaveTheSameBitsInEveryInstructionSet) {
   const std::vector<AreaLight> lights = swarm(500);
   const LightTable table(lights, shares_of(lights));
   for (std::uint32_t i = 0; i < 16; ++i) {
     const Vec3 p = vector_of(i, 9) * 3, n = normalize(vector_of(i, 10));
-    const Weighed plain(table, InstructionSet::kSse2, p, n, 0.3f);
+    const Weighed plain(table, InstructionSet::kSse2, p, n, 0.3f, 0.05f);
     for (const auto set : {InstructionSet::kAvx2, InstructionSet::kAvx512}) {
       if (set > best_instruction_set()) continue;
-      const Weighed w(table, set, p, n, 0.3f);
+      const Weighed w(table, set, p, n, 0.3f, 0.05f);
       EXPECT_EQ(std::memcmp(w.weight.data(), plain.weight.data(), 4 * plain.weight.size()), 0);
       EXPECT_EQ(w.near, plain.near);
     }
@@ -149,8 +170,9 @@ TEST(LightChoice, PicksEachLightByItsProbability) {
   const std::vector<AreaLight> lights = swarm(100);
   const LightTable table(lights, shares_of(lights));
   LightChoice choice(table);
-  choice.add({}, {0, 1, 0}, 0.5f, [](std::uint32_t) { return 0.01f; });
-  choice.add({0.1f, 0, 0}, {0, 1, 0}, 0.5f, [](std::uint32_t) { return 0.01f; });
+  const auto near = [](std::uint32_t) { return 0.01f; };
+  choice.add({{0, 0, 0}, {0, 1, 0}, 0, 0.5f}, near);
+  choice.add({{0.1f, 0, 0}, {0, 1, 0}, 0, 0.5f}, near);
   choice.finish();
   const std::vector<double> shares = picked_shares(choice, lights.size(), kDraws);
   std::vector<float> probability(lights.size());
@@ -174,7 +196,7 @@ TEST(LightChoice, GoesByPowerWhereNothingShows) {
   const std::vector<float> power = shares_of(lights);
   const LightTable table(lights, power);
   LightChoice choice(table);
-  choice.add({0, 100, 0}, {0, 1, 0}, 0.1f, [](std::uint32_t) { return 0.f; });
+  choice.add({{0, 100, 0}, {0, 1, 0}, 0, 0.1f}, [](std::uint32_t) { return 0.f; });
   choice.finish();
   const auto shares = picked_shares(choice, lights.size(), 1 << 16);
   for (std::size_t l = 0; l < lights.size(); ++l) EXPECT_NEAR(shares[l], power[l], 0x1p-15);

@@ -70,12 +70,19 @@ struct alignas(64) LightGroup {
   float back[16];    ///< -1 where it shines to both sides, else 1
 };
 
-/// About what a surface at `point` gets from each of many lights if nothing stands between, to be
-/// added to `weight`, sixteen for each group. A light across the horizon counts by half of its
-/// width, and one farther behind it not at all. Bit i of near[g] is set, and nothing added, where
-/// light i of group g is too near for this: nearer than `reach` and its own size.
-using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const float* point,
-                             const float* normal, float reach, float* weight, std::uint32_t* near);
+/// A point that stands for the surface around it.
+struct Viewpoint {
+  float point[3], normal[3];
+  float extent;  ///< how far that surface reaches, m
+  float reach;   ///< lights nearer than this and their own size are too near to be weighed so, m
+};
+
+/// About what the surface around a viewpoint gets from each of many lights if nothing stands
+/// between, to be added to `weight`, sixteen for each group. A light across a horizon, the
+/// surface's or its own, counts by the part of its width and the surface's that is not behind it.
+/// Bit i of near[g] is set, and nothing added, where light i of group g is too near.
+using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const Viewpoint&,
+                             float* weight, std::uint32_t* near);
 
 /// Where a triangle lies on its page, in texels. All that a look-up reads of it is in one cache
 /// line.

@@ -175,11 +175,12 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
 }
 
 void weigh_lights(const LightGroup* __restrict lights, std::uint32_t groups,
-                  const float* __restrict point, const float* __restrict normal, float reach,
-                  float* __restrict weight, std::uint32_t* __restrict near) {
+                  const Viewpoint& from, float* __restrict weight,
+                  std::uint32_t* __restrict near) {
   constexpr float kNearRadii = 2;  // within so many radii of its own a light is no point
-  const float px = point[0], py = point[1], pz = point[2];
-  const float nx = normal[0], ny = normal[1], nz = normal[2];
+  const float px = from.point[0], py = from.point[1], pz = from.point[2];
+  const float nx = from.normal[0], ny = from.normal[1], nz = from.normal[2];
+  const float extent = from.extent, reach = from.reach;
   for (std::uint32_t g = 0; g < groups; ++g) {
     const LightGroup& l = lights[g];
     float* __restrict w = weight + std::size_t(g) * kLanes;
@@ -192,14 +193,18 @@ void weigh_lights(const LightGroup* __restrict lights, std::uint32_t groups,
       const float other = slope * l.back[i];
       const float height = slope > other ? slope : other;
       const float up = dx * nx + dy * ny + dz * nz;
-      // The mean of what is above the horizon of a rod of that half width.
-      const float above = up + r > 0 ? up + r : 0;
-      const float in_part = above * above / (4 * r + 1e-30f);
-      const float facing = up >= r ? up : in_part;
+      // The mean of what is above a horizon of a rod of that half width.
+      const float wide = r + extent;
+      const float above = up + wide > 0 ? up + wide : 0;
+      const float in_part = above * above / (4 * wide + 1e-30f);
+      const float facing = up >= wide ? up : in_part;
+      const float before = height + extent > 0 ? height + extent : 0;
+      const float before_in_part = before * before / (4 * extent + 1e-30f);
+      const float towards = height >= extent ? height : before_in_part;
       const float bound = kNearRadii * r + reach;
       const bool is_near = d2 < bound * bound;
       // All operands are at hand before the choices, or they would be branches.
-      const float seen = (height > 0) & !is_near ? height : 0.f;
+      const float seen = !is_near ? towards : 0.f;
       const float safe = d2 > 1e-30f ? d2 : 1e-30f;
       const float scale = 1 / safe;
       w[i] += (facing * scale) * (seen * scale) * l.power[i];
