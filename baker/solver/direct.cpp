@@ -21,7 +21,9 @@ constexpr float kNearRadii = 4;
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
  public:
-  explicit ShadowBatch(const RayScene& rays) : rays_(rays) {}
+  explicit ShadowBatch(const SolverInput& in)
+      : rays_(in.rays),
+        spread_(in.settings.uses(proto::Technique::kLowDiscrepancy) ? kNetSpread : 1) {}
 
   void add(Vec3 origin, const ShadowRay& ray, Rgb value, bool second_half) {
     packet_.set(waiting_, origin, ray.direction, ray.far);
@@ -40,12 +42,15 @@ class ShadowBatch {
   }
   Estimate take_estimate() {
     flush();
-    return std::exchange(sum_, Halves{}).estimate();
+    Estimate e = std::exchange(sum_, Halves{}).estimate();
+    e.spread *= spread_;
+    return e;
   }
   std::uint64_t traced() const { return traced_; }
 
  private:
   const RayScene& rays_;
+  const float spread_;  ///< factor: of a net or of independent samples
   RayPacket packet_;
   std::uint32_t waiting_ = 0;
   bool second_[16];
@@ -346,7 +351,7 @@ class FewLights {
 template <class AreaLights>
 std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelRange range,
                            std::uint32_t first, std::uint32_t count, const DirectLight::Put& put) {
-  ShadowBatch shadows(in.rays);
+  ShadowBatch shadows(in);
   std::vector<Receiver> tile;
   std::array<Estimate, kTileTexels> arrived;
   for (std::uint32_t begin = range.begin; begin < range.end; begin += kTileTexels) {

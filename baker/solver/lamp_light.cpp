@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 
+#include "baker/solver/estimate.h"
 #include "baker/solver/sampling.h"
 #include "baker/solver/sobol.h"
 
@@ -86,9 +87,8 @@ std::uint64_t LampLight::Shadow::send_until(std::uint32_t end) {
 /// Each point takes a run of the sequence, a net by itself where it is a power of two long; all
 /// runs together are the net of the whole texel. A packet takes another place in each run, so that
 /// the rays of every packet spread over the lamp. The second half has half of every run: the last
-/// half of the one, the first of another, by a bit of the run's number, which makes each half a net
-/// of its own but for a factor of two (t = 1). Of a single packet, the halves are those of the
-/// sequence.
+/// half of the one, the first of another, by two bits of the run's number, so that both spread over
+/// footprint and lamp. Of a single packet, the halves are those of the sequence.
 void LampLight::Shadow::take_samples() {
   second_ = 0;
   for (std::uint32_t i = 0; i < kPoints; ++i) {
@@ -99,8 +99,8 @@ void LampLight::Shadow::take_samples() {
         sequence_point(first_ * kPoints + run * packets_ + place, all_.low_discrepancy_);
     x_[lane] = s.x, y_[lane] = s.y;
     const bool late = packets_ > 1 && place >= packets_ / 2;
-    const std::uint32_t bit = packets_ > 1 ? 2 : 8;
-    second_ |= std::uint32_t(((run & bit) != 0) != late) << i;
+    const std::uint32_t bits = packets_ > 1 ? 6 : 8;
+    second_ |= std::uint32_t((std::popcount(run & bits) % 2 != 0) != late) << i;
   }
 }
 
@@ -137,7 +137,8 @@ float LampLight::Shadow::irradiance(const Sums& s) const {
 LampLight::Arrived LampLight::Shadow::arrived() const {
   const Sums &a = half_[0], &b = half_[1];
   const Sums all{a.sent + b.sent, a.arrived + b.arrived, a.rays + b.rays};
-  return {irradiance(all), (irradiance(a) - irradiance(b)) / 2};
+  const float net = all_.low_discrepancy_ ? kLampNetSpread : 1;
+  return {irradiance(all), net * (irradiance(a) - irradiance(b)) / 2};
 }
 
 }  // namespace kiln::baker

@@ -42,7 +42,9 @@ TEST(DirectionSet, HalvesOfItsLeadingDirectionsAreHalvesOfAll) {
   // The mean of 32 directions, of which 16 bring 1 and 16 bring 3.
   const Estimate e = some.estimate(Rgb{16, 16, 16}, Rgb{48, 48, 48});
   EXPECT_FLOAT_EQ(e.mean.g, 2);
-  EXPECT_NEAR(e.spread, -1, 1e-5);
+  EXPECT_NEAR(e.spread, -kNetSpread, 1e-5) << "half the difference, as of a net";
+  const DirectionSet chance(0, 32, false, false);
+  EXPECT_NEAR(chance.estimate(Rgb{16, 16, 16}, Rgb{48, 48, 48}).spread, -1, 1e-5);
 }
 
 }  // namespace

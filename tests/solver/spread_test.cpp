@@ -67,6 +67,28 @@ proto::SolverSettings samples(std::uint32_t n, std::uint32_t bounces) {
   return s;
 }
 
+class Spreads : public testing::TestWithParam<std::string> {};
+
+TEST_P(Spreads, AreTheErrorBetweenSeeds) {
+  const kiln::test::ReadyScene ready(GetParam(), 24, 64);
+  for (const std::uint32_t n : {32u, 128u}) {
+    const Parts parts = by_seeds(ready, samples(n, 2), 8);
+    const auto check = [&](const Seeds& s, const std::string& name) {
+      const double ratio = s.told / s.scatter;
+      RecordProperty(name + "_told_over_scatter_" + std::to_string(n), std::to_string(ratio));
+      EXPECT_GT(ratio, 0.75) << name << " by " << n;
+      EXPECT_LT(ratio, 1.35) << name << " by " << n;
+    };
+    if (parts.direct.scatter > 1e-4 * parts.direct.mean) check(parts.direct, "direct");
+    check(parts.indirect, "indirect");
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(OfEveryLight, Spreads,
+                         testing::Values("cornell", "cornell_geom", "many_lights", "room_textured",
+                                         "courtyard"),
+                         [](const auto& of) { return of.param; });
+
 // Where a row of texels is half above the plane of a lamp, what its lower half sees of it must not
 // be left to the few samples that go by power alone: those texels would sparkle.
 TEST(ManyLights, NoTexelStraysFarFromItsMean) {

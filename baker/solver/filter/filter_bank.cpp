@@ -58,13 +58,9 @@ constexpr std::array<float, kCount> kNarrow =
     kernel({1 / 16.f, 4 / 16.f, 6 / 16.f, 4 / 16.f, 1 / 16.f});
 constexpr std::array<float, kCount> kWide = kernel({1 / 9.f, 2 / 9.f, 3 / 9.f, 2 / 9.f, 1 / 9.f});
 
-/// What each filter leaves of the texel's own light.
-constexpr Errors kOwnWeight{1, kNarrow[kCount / 2], kWide[kCount / 2], 0.05f};
-/// The halves of a net are not independent: where one is too high the other tends to be too low,
-/// since together they are better than apart. If the error of a net falls with N^-a, their
-/// covariance is -(4^a - 2) / (4^a - 1) of the variance that their difference tells; this is for
-/// a = 0.65, at the lower end of what gathers have.
-constexpr float kAlike = 0.3f;
+/// What each filter leaves of the variance at least: the sum of its squared weights, where all
+/// texels around are alike.
+constexpr Errors kLeft{1, 0.075f, 0.055f, 0.033f};
 
 /// Weights of the texels around, in 255ths; 255 for the texel itself.
 using Likeness = std::array<std::uint8_t, kCount>;
@@ -176,8 +172,7 @@ class Filtering {
     for (std::size_t c = 0; c < kFilters; ++c) {
       const float fa = filtered[c].a, fb = filtered[c].b;
       errors_[t][c] = ((fa - b) * (fa - b) + (fb - a) * (fb - a) - (a - b) * (a - b)) / 2 -
-                      (fa - fb) * (fa - fb) / 4 +
-                      kAlike * (1 - 2 * kOwnWeight[c]) * (a - b) * (a - b) / 4;
+                      (fa - fb) * (fa - fb) / 4;
     }
   }
 
@@ -190,8 +185,11 @@ class Filtering {
     Rgb first_three() const { return {light.c[0], light.c[1], light.c[2]}; }
   };
   Chosen choose(std::uint32_t t) const {
-    const Errors e = mean(smooth_errors_, t);
-    const float least = std::max(0.f, *std::min_element(e.begin(), e.end()));
+    Errors e = mean(smooth_errors_, t);
+    // By chance the errors told of a filter come out below what it leaves of the noise, even below
+    // zero; that of no filter is the variance itself.
+    for (std::size_t c = 0; c < kFilters; ++c) e[c] = std::max(e[c], kLeft[c] * e[0]);
+    const float least = *std::min_element(e.begin(), e.end());
     const std::array<Colour, kFilters> filtered{colour_[t], narrowed(colour_, t), wide_colour_[t],
                                                 narrowed(wide_colour_, t)};
     Colour sum{};
@@ -200,10 +198,10 @@ class Filtering {
     const float level = 1e-5f * (std::abs(none_[t].a) + std::abs(none_[t].b));
     const float floor = 0.05f * least + level * level + 1e-30f;
     for (std::size_t c = 0; c < kFilters; ++c) {
-      const float ratio = (least + floor) / (std::max(e[c], 0.f) + floor);
+      const float ratio = (least + floor) / (e[c] + floor);
       const float w = ratio * ratio;
       sum.add(w, filtered[c]);
-      error += w * std::max(e[c], 0.f), weight += w;
+      error += w * e[c], weight += w;
     }
     return {Colour{}.add(1 / weight, sum), error / weight};
   }
