@@ -32,13 +32,20 @@ struct AtlasSettings {
 /// Quality by name: each stands for a target error, see target_error().
 enum class Preset { kDraft, kPreview, kProduction, kReference };
 
+/// What a target error is held against.
+enum class ErrorMeasure {
+  kPercentile95,  ///< of the texels' relative standard errors, the one that 95 of 100 don't exceed
+  kRms,           ///< root mean square of their standard errors, over the mean of their light
+};
+
 struct QualitySettings {
   Preset preset = Preset::kProduction;
+  ErrorMeasure measure = ErrorMeasure::kPercentile95;
   std::optional<float> target_error;  ///< relative; null: that of the preset
   std::uint32_t max_samples = 4096;   ///< per texel, of each kind, where a target asks for more
 };
 
-/// Relative standard error, 95th percentile over the texels, that a bake samples down to.
+/// The relative standard error that a bake samples down to.
 constexpr float target_error(Preset preset) {
   switch (preset) {
     case Preset::kDraft:
@@ -50,7 +57,7 @@ constexpr float target_error(Preset preset) {
     case Preset::kReference:
       return 0.005f;
   }
-  return 0.02f;
+  return 0.018f;
 }
 inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));

@@ -45,7 +45,7 @@ struct PassReport {
   double mean_lx = 0;       ///< area-weighted mean E after the pass
   double seconds = 0;
   std::uint64_t rays = 0;
-  /// 95th percentile over the texels of the relative standard error, once all bounces are there.
+  /// Relative, by the measure of the bake's quality settings, once all bounces are there.
   std::optional<double> standard_error;
 };
 

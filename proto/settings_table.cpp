@@ -134,14 +134,21 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.quality.preset; }>(
           {.path = "quality.preset", .kind = kChoice,
            .choices = {"draft", "preview", "production", "reference"},
-           .description = "A target_error by name: draft 0.1, preview 0.05, production 0.02, "
+           .description = "A target_error by name: draft 0.1, preview 0.05, production 0.018, "
                           "reference 0.005."}),
       row<[](auto& s) -> auto& { return s.quality.target_error; }>(
           {.path = "quality.target_error", .kind = kNumber, .min = 0.0005, .max = 1,
            .nullable = true,
-           .description = "Standard error of a texel's luminance, relative to the luminance plus 2 % "
-                          "of the scene's mean, that 95 of 100 texels shall not exceed. Samples are "
-                          "doubled where it is higher. null: that of the preset."}),
+           .description = "Standard error of the light, relative, that the lightmap shall not exceed "
+                          "by quality.measure. Samples are doubled where it is too high. null: that "
+                          "of the preset."}),
+      row<[](auto& s) -> auto& { return s.quality.measure; }>(
+          {.path = "quality.measure", .kind = kChoice, .choices = {"percentile_95", "rms"},
+           .description = "How target_error is meant. percentile_95: of each texel's luminance, "
+                          "relative to the luminance plus 2 % of the scene's mean; 95 of 100 texels "
+                          "shall not exceed it. rms: root mean square over all texels, over their "
+                          "mean luminance (normalised RMSE); samples go to where they lower it most "
+                          "for their time, so the dark may stay noisier."}),
       row<[](auto& s) -> auto& { return s.quality.max_samples; }>(
           {.path = "quality.max_samples", .kind = kInteger, .min = 1, .max = 65536,
            .unit = "samples/texel",

@@ -31,6 +31,7 @@ SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::Quality
   plan.shadow_rays = solver.direct_samples.value_or(first);
   plan.most_shadow_rays = solver.direct_samples ? plan.shadow_rays : quality.max_samples;
   if (!path && (!solver.samples || !solver.direct_samples)) plan.target_error = target;
+  plan.measure = quality.measure;
   const bool fine = !solver.samples && target < kFinestCoarseTarget;
   plan.coarse = solver.coarse_indirect && !fine;
   return plan;

@@ -13,7 +13,8 @@ struct SamplePlan {
   std::uint32_t directions = 64, most_directions = 64;    ///< over the hemisphere
   std::uint32_t shadow_rays = 64, most_shadow_rays = 64;  ///< towards area lights
   float target_error = 0;  ///< of the lightmap, see SampleRounds; 0: `most` for every texel
-  bool coarse = true;      ///< gather indirect light at every second texel, see CoarseSites
+  proto::ErrorMeasure measure = proto::ErrorMeasure::kPercentile95;
+  bool coarse = true;  ///< gather indirect light at every second texel, see CoarseSites
 };
 
 /// The samples at first are what weighs the two ways of finding the sky: rounds add to either, and

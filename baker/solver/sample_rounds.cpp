@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "baker/solver/direct.h"
+#include "baker/solver/sample_budget.h"
 #include "baker/solver/work.h"
 
 namespace kiln::baker {
@@ -20,6 +21,8 @@ constexpr double kSlope = 0.65, kExpectedSlope = 0.47;
 constexpr double kMostDoublings = 3;
 /// Texels inside other geometry have nothing to judge.
 constexpr float kHidden = 0.5f;
+/// By the measure rms a round aims a little below the target, or another would follow for a trifle.
+constexpr double kAim = 0.97;
 
 /// Doublings from `from` to `to` or beyond.
 std::uint32_t doublings(std::uint32_t from, std::uint32_t to) {
@@ -101,27 +104,57 @@ bool SampleRounds::judge(const Lightmap& light, const Workers& workers, proto::P
   filtered_ = bank_.run(light, workers);
   if (!filtered_) return false;
   judged_ = &light;
+  tell_errors();
+  report.standard_error = in_.plan.measure == proto::ErrorMeasure::kRms ? root_mean_square(light)
+                                                                        : percentile_of_all(light);
+  foresee(light);
+  return true;
+}
+
+float SampleRounds::shown(std::uint32_t t) const {
+  return luminance(filtered_->direct[t] + filtered_->sky[t] + filtered_->indirect[t]);
+}
+
+float SampleRounds::variance(std::uint32_t t) const {
+  return filtered_->direct_variance[t] + filtered_->gathered_variance[t];
+}
+
+bool SampleRounds::counts(const Lightmap& light, std::uint32_t t) const {
+  return t < in_.texels.front_count && light.validity[t] >= kHidden;
+}
+
+/// The relative error of every texel.
+void SampleRounds::tell_errors() {
   const TextureGroup& texels = in_.texels;
-  const auto shown = [&](std::uint32_t t) {
-    return luminance(filtered_->direct[t] + filtered_->sky[t] + filtered_->indirect[t]);
-  };
   double sum = 0, area = 0;
   for (std::uint32_t t = 0; t < texels.front_count; ++t) {
-    sum += double(texels.area_m2[t]) * shown(t);
-    area += texels.area_m2[t];
+    sum += double(texels.area_m2[t]) * double(shown(t));
+    area += double(texels.area_m2[t]);
   }
   const float dark = area > 0 ? kDarkShare * float(sum / area) : 0;
   error_.assign(texels.size(), 0);
-  std::vector<float> judged;
   for (std::uint32_t t = 0; t < texels.size(); ++t) {
     const float e = shown(t) + dark;
-    const float variance = filtered_->direct_variance[t] + filtered_->gathered_variance[t];
-    error_[t] = e > 0 ? std::sqrt(variance) / e : 0;
-    if (t < texels.front_count && light.validity[t] >= kHidden) judged.push_back(error_[t]);
+    error_[t] = e > 0 ? std::sqrt(variance(t)) / e : 0;
   }
-  report.standard_error = percentile_95(judged);
-  foresee(light);
-  return true;
+}
+
+double SampleRounds::percentile_of_all(const Lightmap& light) const {
+  std::vector<float> judged;
+  for (std::uint32_t t = 0; t < light.size(); ++t)
+    if (counts(light, t)) judged.push_back(error_[t]);
+  return double(percentile_95(judged));
+}
+
+double SampleRounds::root_mean_square(const Lightmap& light) const {
+  double mean = 0, square = 0;
+  std::uint32_t judged = 0;
+  for (std::uint32_t t = 0; t < light.size(); ++t) {
+    if (!counts(light, t)) continue;
+    mean += double(shown(t)), square += double(variance(t));
+    ++judged;
+  }
+  return mean > 0 ? std::sqrt(square * judged) / mean : 0;
 }
 
 bool SampleRounds::begin(const Lightmap& light, const Workers& workers) {
@@ -164,6 +197,69 @@ SampleRounds::Doublings SampleRounds::choose(TexelRange tile, const Lightmap& li
   return chosen;
 }
 
+/// Shadow rays and directions of one tile after the other.
+std::vector<SampleRounds::Doublings> SampleRounds::by_mean_square(std::span<const Noise> tiles,
+                                                                  double mean,
+                                                                  double texels) const {
+  const double per_ray = cost(1, 0).sum(), per_direction = cost(0, 1).sum() / gather_share();
+  std::vector<SampleLot> lots;
+  for (const Noise& n : tiles) {
+    const double most_rays = can_add_shadow_rays_ ? in_.plan.most_shadow_rays : 0;
+    const double most_directions = can_add_directions_ ? in_.plan.most_directions : 0;
+    lots.push_back({n.direct, double(n.shadow_rays), most_rays, per_ray * n.texels});
+    lots.push_back(
+        {n.gathered, double(n.directions), most_directions, per_direction * n.gathering});
+  }
+  const double allowed = square(double(in_.plan.target_error) * kAim * mean) * texels;
+  const auto times = least_doublings(lots, allowed, kSlope);
+  std::vector<Doublings> doublings;
+  for (std::size_t i = 0; i < tiles.size(); ++i)
+    doublings.push_back({times[2 * i], times[2 * i + 1]});
+  return doublings;
+}
+
+std::vector<SampleRounds::Doublings> SampleRounds::to_mean_square(const Lightmap& light) const {
+  std::vector<Noise> tiles;
+  double sum = 0, texels = 0;
+  for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
+    const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
+    Noise& n = tiles.emplace_back(
+        Noise{0, 0, double(tile.size()), 0, light.direct_samples[t], light.samples[t]});
+    for (std::uint32_t i = tile.begin; i < tile.end; ++i) {
+      n.gathering += light.gathers[i] != 0;
+      if (!counts(light, i)) continue;
+      n.direct += double(filtered_->direct_variance[i]);
+      n.gathered += double(filtered_->gathered_variance[i]);
+      sum += double(shown(i)), texels += 1;
+    }
+  }
+  return by_mean_square(tiles, texels > 0 ? sum / texels : 0, texels);
+}
+
+/// What a round may do of it.
+SampleRounds::Doublings SampleRounds::limited(Doublings wanted, TexelRange tile,
+                                              const Lightmap& light) const {
+  constexpr auto kMost = std::uint32_t(kMostDoublings);
+  Doublings d{std::min(wanted.shadow_rays, kMost), std::min(wanted.directions, kMost)};
+  if (can_add_directions_ && light.samples[tile.begin] < in_.plan.directions) d.directions = 1;
+  return d;
+}
+
+/// Of every texel.
+Work SampleRounds::cost(Doublings times, std::uint32_t shadow_rays,
+                        std::uint32_t directions) const {
+  Work work;
+  for (std::uint32_t i = 0; i < times.shadow_rays; ++i) {
+    work += cost(more_shadow_rays(shadow_rays), 0);
+    shadow_rays += more_shadow_rays(shadow_rays);
+  }
+  for (std::uint32_t i = 0; i < times.directions; ++i) {
+    work += cost(0, more_directions(directions));
+    directions += more_directions(directions);
+  }
+  return work;
+}
+
 /// Chooses the tiles of the next round, and looks ahead.
 void SampleRounds::foresee(const Lightmap& light) {
   if (next_work_.sum() > 0) work_done_ += next_work_ + judge_work();
@@ -172,42 +268,44 @@ void SampleRounds::foresee(const Lightmap& light) {
   first_directions_.clear();
   adds_shadow_rays_ = false;
   tiles_.clear();
+  const bool rms = in_.plan.measure == proto::ErrorMeasure::kRms && in_.plan.target_error > 0;
+  const std::vector<Doublings> wanted = rms ? to_mean_square(light) : std::vector<Doublings>{};
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
-    const Doublings chosen = tiles_.emplace_back(choose(tile, light));
+    const Doublings chosen = tiles_.emplace_back(rms ? limited(wanted[t / kTileTexels], tile, light)
+                                                     : choose(tile, light));
     const double share = double(tile.size()) / light.size();
-    Work work;
     adds_shadow_rays_ = adds_shadow_rays_ || chosen.shadow_rays > 0;
-    std::uint32_t had = light.direct_samples[t];
-    for (std::uint32_t i = 0; i < chosen.shadow_rays; ++i) {
-      work += cost(more_shadow_rays(had), 0);
-      had += more_shadow_rays(had);
-    }
-    had = light.samples[t];
+    std::uint32_t had = light.samples[t];
     for (std::uint32_t i = 0; i < chosen.directions && more_directions(had) > 0; ++i) {
       first_directions_.insert(had);
-      work += cost(0, more_directions(had));
       had += more_directions(had);
     }
+    const Work work = cost(chosen, light.direct_samples[t], light.samples[t]);
     next_work_ += work * share;
-    double direct = 0, gathered = 0;
-    for (std::uint32_t i = tile.begin; i < tile.end; ++i)
-      direct += double(filtered_->direct_variance[i]),
-          gathered += double(filtered_->gathered_variance[i]);
-    const Work to_target = work_to_target(over_target(tile), direct, gathered,
-                                          light.direct_samples[t], light.samples[t]);
+    const Work to_target =
+        rms ? cost(wanted[t / kTileTexels], light.direct_samples[t], light.samples[t])
+            : work_to_target(tile, light);
     all += (to_target.sum() > work.sum() ? to_target : work) * share;
   }
   if (next_work_.sum() > 0) all += judge_work();
   expected_work_ = work_done_ + all;
 }
 
+Work SampleRounds::work_to_target(TexelRange tile, const Lightmap& light) const {
+  double direct = 0, gathered = 0;
+  for (std::uint32_t i = tile.begin; i < tile.end; ++i)
+    direct += double(filtered_->direct_variance[i]),
+        gathered += double(filtered_->gathered_variance[i]);
+  return work_to_target(over_target(tile), direct, gathered, light.direct_samples[tile.begin],
+                        light.samples[tile.begin]);
+}
+
 /// Most texels take no directions where they are gathered coarsely.
 Work SampleRounds::cost(double shadow_rays, double directions) const {
-  constexpr double kGatherShare = 0.45;
   const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
   return Work::shadow_rays(shadow_rays * (many_lights ? work::kManyLightsRay : 1)) +
-         Work::directions(directions * work::kDirection * (in_.plan.coarse ? kGatherShare : 1));
+         Work::directions(directions * work::kDirection * gather_share());
 }
 
 Work SampleRounds::work_to_target(double over, double direct, double gathered,
@@ -241,20 +339,34 @@ void SampleRounds::guess(const Lightmap& light, Known known) {
   for (std::uint32_t t = 0; t < light.size(); ++t)
     mean += double(luminance(light.direct[t] + light.sky[t])) / light.size();
   Work work;
-  double above = 0;
+  double above = 0, sum = 0;
+  std::vector<Noise> tiles;
   for (std::uint32_t t = 0; t < light.size(); t += kTileTexels) {
     const TexelRange tile{t, std::min(t + kTileTexels, light.size())};
     const double share = double(tile.size()) / light.size();
     const Scatter s = scatter_of(light, tile, all_bounces);
     const double scale = s.light + (unknown + double(kDarkShare)) * mean;
-    if (!(scale > 0)) continue;
     const double direct = left_direct * s.direct,
                  gathered = left_gathered * (s.gathered + square(gather_error * unknown * mean));
+    const double n = tile.size();
+    tiles.push_back({direct * n, gathered * n, n, gather_share() * n, in_.plan.shadow_rays,
+                     in_.plan.directions});
+    sum += (s.light + unknown * mean) * n;
+    if (!(scale > 0)) continue;
     const double over =
         kAboveMean * std::sqrt(direct + gathered) / (scale * double(in_.plan.target_error));
     if (over > 1) above += share;
     work +=
         work_to_target(over, direct, gathered, in_.plan.shadow_rays, in_.plan.directions) * share;
+  }
+  if (in_.plan.measure == proto::ErrorMeasure::kRms) {
+    const auto wanted = by_mean_square(tiles, sum / light.size(), light.size());
+    expected_work_ = {};
+    for (std::size_t i = 0; i < tiles.size(); ++i)
+      expected_work_ += cost(wanted[i], in_.plan.shadow_rays, in_.plan.directions) *
+                        (tiles[i].texels / light.size());
+    if (expected_work_.sum() > 0) expected_work_ += judge_work();
+    return;
   }
   // Five texels in a hundred may be above the target.
   expected_work_ = above > 0.05 ? work + judge_work() : Work{};

@@ -13,11 +13,13 @@ namespace kiln::baker {
 
 /// Which texels take more samples, once the light has all its bounces.
 ///
-/// The error of a texel is the standard error of its luminance, as FilterBank tells it, over the
-/// luminance plus 2 % of the scene's mean, so that the dark is not chased for ever. A lightmap's
-/// error is the 95th percentile over its texels. Each round doubles the samples of the tiles whose
-/// own 95th percentile is above the target, up to three times where it is far above: shadow rays or
-/// directions, or both where both matter.
+/// The error of a texel is the standard error of its luminance, as FilterBank tells it. By the
+/// measure percentile_95 it counts over the luminance plus 2 % of the scene's mean, so that the
+/// dark is not chased for ever, and a lightmap's error is the 95th percentile over its texels. Each
+/// round doubles the samples of the tiles whose own 95th percentile is above the target, up to
+/// three times where it is far above: shadow rays or directions, or both where both matter. By the
+/// measure rms a lightmap's error is the root mean square over its texels, over their mean
+/// luminance, and a round doubles where that lowers it most for its cost.
 class SampleRounds {
  public:
   /// Texels that take samples together: a run of indices, an 8x8 block of a page as a rule.
@@ -66,10 +68,32 @@ class SampleRounds {
   std::optional<FilteredLight> filtered(const Lightmap&, const Workers&);
 
  private:
+  /// What the samples of a tile leave: variances summed over its texels.
+  struct Noise {
+    double direct = 0, gathered = 0;
+    double texels = 0, gathering = 0;  ///< how many there are, and how many of them take directions
+    std::uint32_t shadow_rays = 0, directions = 0;  ///< each has
+  };
+
+  float shown(std::uint32_t texel) const;     ///< luminance, lx
+  float variance(std::uint32_t texel) const;  ///< lx²
+  /// Texels that are judged: on the front, and not inside other geometry.
+  bool counts(const Lightmap&, std::uint32_t texel) const;
+  void tell_errors();
+  double percentile_of_all(const Lightmap&) const;
+  double root_mean_square(const Lightmap&) const;
+
   Doublings choose(TexelRange tile, const Lightmap&) const;
+  /// All that the target takes by the measure rms, for every tile.
+  std::vector<Doublings> by_mean_square(std::span<const Noise>, double mean, double texels) const;
+  std::vector<Doublings> to_mean_square(const Lightmap&) const;
+  Doublings limited(Doublings, TexelRange tile, const Lightmap&) const;
   void foresee(const Lightmap&);
   double over_target(TexelRange tile) const;
+  double gather_share() const { return in_.plan.coarse ? 0.45 : 1; }
   Work cost(double shadow_rays, double directions) const;
+  Work cost(Doublings, std::uint32_t shadow_rays, std::uint32_t directions) const;
+  Work work_to_target(TexelRange tile, const Lightmap&) const;
   /// Expected effort until an error that is `over` times the target has come down to it.
   /// @param direct variance of direct light, @param gathered of the rest: what is large matters
   Work work_to_target(double over, double direct, double gathered, std::uint32_t shadow_rays,

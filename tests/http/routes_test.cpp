@@ -210,7 +210,7 @@ TEST(Routes, EveryErrorIsAProblem) {
   EXPECT_EQ(can.status, 200);
   EXPECT_EQ(member(can.body, "instruction_set"), baker::instruction_set());
   EXPECT_EQ(nlohmann::json::parse(can.body)["presets"]["production"]["target_error"].dump(),
-            "0.02");
+            "0.018");
 }
 
 TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {

@@ -36,7 +36,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
   const char* text = R"({
     "atlas": {"page_size": 512, "max_pages": 3, "texels_per_metre": 12.5, "unwrap": "existing",
               "gutter": 7},
-    "quality": {"preset": "draft", "target_error": 0.125, "max_samples": 77},
+    "quality": {"preset": "draft", "target_error": 0.125, "measure": "rms",
+                "max_samples": 77},
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
                "hit_memory_mib": 12, "coarse_indirect": false,
                 "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991,

@@ -186,5 +186,68 @@ TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
   EXPECT_GT(*limited.passes.back().standard_error, 0.009);
 }
 
+// A room with a lamp close above a block: what is bright makes the mean square, the dark does not.
+class MeanSquare : public testing::Test {
+ protected:
+  void SetUp() override {
+    room_.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
+    room_.add_block({0.5f, 0, 0.5f}, {1.5f, 1.5f, 1.5f}, {0.7f, 0.7f, 0.7f});
+    room_.add({{0.8f, 1.9f, 0.8f}, {0.4f, 0, 0}, {0, 0, 0.4f}, {}, {10, 10, 10}});
+    room_.build();
+  }
+  double mean(const Solution& bake) const {
+    double sum = 0;
+    for (std::uint32_t t = 0; t < room_.texels().front_count; ++t)
+      sum += luminance(bake.irradiance(t));
+    return sum / room_.texels().front_count;
+  }
+  static double rays(const Solution& bake) {
+    double sum = 0;
+    for (const auto& p : bake.passes) sum += double(p.rays);
+    return sum;
+  }
+
+  QuadScene room_{96};
+};
+
+TEST_F(MeanSquare, IsWhatItIsToldToBe) {
+  proto::SolverSettings fine;
+  fine.samples = fine.direct_samples = 2048;
+  fine.coarse_indirect = false;
+  fine.seed = 9;
+  const Solution truth = room_.solve(fine);
+  for (const float target : {0.04f, 0.015f}) {
+    const Solution bake =
+        room_.solve({}, 2, {.measure = proto::ErrorMeasure::kRms, .target_error = target});
+    const double told = bake.passes.back().standard_error.value();
+    EXPECT_LE(told, target);
+    double square = 0;
+    for (std::uint32_t t = 0; t < room_.texels().front_count; ++t)
+      square += std::pow(luminance(bake.irradiance(t)) - luminance(truth.light->irradiance(t)), 2);
+    const double measured = std::sqrt(square / room_.texels().front_count) / mean(truth);
+    RecordProperty("told_over_measured", std::to_string(told / measured));
+    EXPECT_GT(told, 0.6 * measured) << target;
+    EXPECT_LT(told, 1.7 * measured) << target;
+  }
+}
+
+TEST_F(MeanSquare, TakesFewerRaysThanTheSameSamplesForAll) {
+  proto::SolverSettings even;
+  even.samples = even.direct_samples = 256;
+  even.coarse_indirect = false;
+  const Solution uniform = room_.solve(even, 2, {}, false);
+  double square = 0;
+  for (std::uint32_t t = 0; t < room_.texels().front_count; ++t)
+    square += uniform.filtered.direct_variance[t] + uniform.filtered.gathered_variance[t];
+  const auto error = float(std::sqrt(square / room_.texels().front_count) / mean(uniform));
+  proto::SolverSettings s;
+  s.coarse_indirect = false;
+  const Solution chosen =
+      room_.solve(s, 2, {.measure = proto::ErrorMeasure::kRms, .target_error = error}, false);
+  EXPECT_LE(*chosen.passes.back().standard_error, error);
+  RecordProperty("share_of_rays", std::to_string(rays(chosen) / rays(uniform)));
+  EXPECT_LT(rays(chosen), 0.85 * rays(uniform));
+}
+
 }  // namespace
 }  // namespace kiln::baker::test

@@ -88,12 +88,12 @@ std::vector<std::uint32_t> QuadScene::texels_of(std::uint32_t quad) const {
 }
 
 Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned threads,
-                          const proto::QualitySettings& quality) const {
+                          const proto::QualitySettings& quality, bool filter) const {
   const auto rays = RayScene::build(scene_);
   const LightSet lights(scene_);
   const TexelLookup lookup(scene_, *atlas_, *texels_);
-  const auto solver = make_solver(
-      {scene_, *atlas_, *texels_, *rays, lights, lookup, settings, sample_plan(settings, quality)});
+  const auto solver = make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup, settings,
+                                   sample_plan(settings, quality), filter});
   ThreadPool pool(threads);
   auto solution = baker::solve(*solver, *texels_, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);

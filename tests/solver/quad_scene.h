@@ -46,7 +46,7 @@ class QuadScene {
   const Scene& scene() const { return scene_; }
 
   Solution solve(const proto::SolverSettings&, unsigned threads = 2,
-                 const proto::QualitySettings& = {}) const;
+                 const proto::QualitySettings& = {}, bool filter = true) const;
 
  private:
   std::uint32_t page_size_;

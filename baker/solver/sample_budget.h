@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace kiln::baker {
+
+/// Texels that take samples together, and the error that theirs leave.
+struct SampleLot {
+  double variance = 0;  ///< of the light, summed over the texels
+  double samples = 0;   ///< each texel has
+  double most = 0;      ///< it may have
+  double cost = 0;      ///< of one more for every texel, in any unit
+};
+
+/// How often each lot is to double its samples for the variance of all to come down to `allowed` at
+/// the least cost, if a lot's error falls with N^-slope; as often as it may where that is too
+/// little. At the least cost the last doubling of every lot takes away the same variance for its
+/// cost (the condition of Lagrange), so a lot doubles while it takes away more than one price.
+std::vector<std::uint32_t> least_doublings(std::span<const SampleLot>, double allowed,
+                                           double slope);
+
+}  // namespace kiln::baker

@@ -1,0 +1,83 @@
+// Where more samples lower the error most for what they cost.
+#include "baker/solver/sample_budget.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace kiln::baker {
+namespace {
+
+constexpr double kSlope = 0.65;
+
+struct Spent {
+  double variance = 0, cost = 0;
+};
+
+Spent spent(const std::vector<SampleLot>& lots, const std::vector<std::uint32_t>& doublings) {
+  Spent s;
+  for (std::size_t i = 0; i < lots.size(); ++i) {
+    s.variance += lots[i].variance * std::exp2(-2 * kSlope * doublings[i]);
+    s.cost += lots[i].cost * lots[i].samples * (std::exp2(doublings[i]) - 1);
+  }
+  return s;
+}
+
+TEST(SampleBudget, NothingIsSpentWhereTheErrorIsLowEnough) {
+  const std::vector<SampleLot> lots{{3, 64, 4096, 1}, {4, 64, 4096, 1}};
+  EXPECT_EQ(least_doublings(lots, 7, kSlope), (std::vector<std::uint32_t>{0, 0}));
+  EXPECT_EQ(least_doublings({}, 0, kSlope), std::vector<std::uint32_t>{});
+}
+
+TEST(SampleBudget, NoiseAndPriceDecide) {
+  // Noisy and cheap, noisy and dear, without noise, and with samples that can't be more.
+  const std::vector<SampleLot> lots{
+      {100, 64, 4096, 1}, {100, 64, 4096, 50}, {0, 64, 4096, 1}, {100, 64, 64, 1}};
+  const auto doublings = least_doublings(lots, 230, kSlope);
+  EXPECT_LE(spent(lots, doublings).variance, 230);
+  EXPECT_GT(doublings[0], doublings[1]);
+  EXPECT_EQ(doublings[2], 0u);
+  EXPECT_EQ(doublings[3], 0u);
+}
+
+TEST(SampleBudget, WhatCantBeReachedTakesAllThatMayBe) {
+  const std::vector<SampleLot> lots{{1, 16, 256, 1}, {1e-6, 16, 100, 3}, {1, 16, 16, 1}};
+  EXPECT_EQ(least_doublings(lots, 0, kSlope), (std::vector<std::uint32_t>{4, 2, 0}));
+}
+
+// Against all choices of up to five doublings for each of four lots. A price takes lots whole, so
+// it may spend a little more than the best: less than its own last doubling.
+TEST(SampleBudget, CostsNoMoreThanTheBestChoiceButForItsLastDoubling) {
+  std::uint32_t state = 1;
+  const auto next = [&state] {
+    return double((state = state * 1664525u + 1013904223u) >> 8) / 0x1p24;
+  };
+  for (int trial = 0; trial < 40; ++trial) {
+    std::vector<SampleLot> lots;
+    double variance = 0;
+    for (int i = 0; i < 4; ++i) {
+      lots.push_back({std::exp2(8 * next()), 16, 16 << 5, 0.2 + next()});
+      variance += lots.back().variance;
+    }
+    const double allowed = variance * (0.05 + 0.9 * next());
+    const auto doublings = least_doublings(lots, allowed, kSlope);
+    const Spent found = spent(lots, doublings);
+    ASSERT_LE(found.variance, allowed);
+    double best = std::numeric_limits<double>::infinity(), last = 0;
+    for (std::uint32_t code = 0; code < 6 * 6 * 6 * 6; ++code) {
+      const Spent s = spent(lots, {code % 6, code / 6 % 6, code / 36 % 6, code / 216});
+      if (s.variance <= allowed) best = std::min(best, s.cost);
+    }
+    for (std::size_t i = 0; i < lots.size(); ++i)
+      if (doublings[i] > 0)
+        last = std::max(last, lots[i].cost * lots[i].samples * std::exp2(doublings[i] - 1));
+    EXPECT_LE(found.cost, best + last);
+  }
+}
+
+}  // namespace
+}  // namespace kiln::baker
