@@ -256,8 +256,9 @@ class SolveTeller {
 
  private:
   void on_batch(const Pass& pass, std::uint32_t done, std::uint32_t total) {
+    const double share = solver_.work_share(pass, double(done) / total);
     const Pace::Ahead ahead =
-        pace_.ahead(pass, double(done) / total, solver_.total_work() + Work::other(work::kOutput));
+        pace_.ahead(pass, share, solver_.total_work() + Work::other(work::kOutput));
     course_.batch(pass, done, total, solver_.max_passes(), residual_,
                   kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done, ahead.seconds_left);
   }
@@ -273,7 +274,7 @@ class SolveTeller {
     const PassProgress done = writer_.restore(pass, before, after, solver_.state());
     if (done.texels == 0) return done;
     const double share = double(done.texels) / texels_->size();
-    pace_.resume_within(share);
+    pace_.resume_within(solver_.work_share(pass, share));
     observer_.on_resume_within(pass.name, share);
     return done;
   }

@@ -27,6 +27,10 @@ Pace::Rates Pace::Timed::rates() const {
   return r;
 }
 
+bool Pace::Timed::any() const {
+  return std::any_of(work.begin(), work.end(), [](double w) { return w > 0; });
+}
+
 void Pace::Timed::add(const Work& more, double its_seconds) {
   const Rates r = rates();
   const double expected = dot(r, more);
@@ -47,8 +51,14 @@ Pace::Ahead Pace::ahead(const Pass& pass, double share, const Work& all,
   const double sum = by_now.sum() + left.sum();
   Ahead ahead;
   ahead.share_done = sum > 0 ? by_now.sum() / sum : 0;
+  // A pass's first batches tell its rate badly: what it did before them took time too.
+  constexpr double kTelling = 0.1;
+  const double measured = std::max(share - restored_, 0.0);
+  const double known = timed_.any() ? std::min(measured / kTelling, 1.0) : 1;
+  const Work fresh = pass.work * measured;
+  const double seconds = seconds_between(pass_start_, now);
   Timed timed = timed_;
-  timed.add(pass.work * std::max(share - restored_, 0.0), seconds_between(pass_start_, now));
+  timed.add(fresh, known * seconds + (1 - known) * dot(timed.rates(), fresh));
   if (seconds_between(start_, now) >= kLeastSeconds) ahead.seconds_left = dot(timed.rates(), left);
   return ahead;
 }

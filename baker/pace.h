@@ -36,6 +36,7 @@ class Pace {
   struct Timed {
     std::array<double, Work::kKinds> seconds{}, work{};
 
+    bool any() const;
     Rates rates() const;
     /// `seconds` for `work`, shared out by the rates so far.
     void add(const Work& work, double seconds);

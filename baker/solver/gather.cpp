@@ -42,6 +42,9 @@ class GatherSolver final : public Solver {
   std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
     return schedule_.next(done);
   }
+  double work_share(const Pass& pass, double share) const override {
+    return pass.name == Schedule::kRound ? rounds_.work_share(share) : share;
+  }
   bool begin(const Pass& pass, const Lightmap& before, Lightmap& after,
              const Workers& workers) override;
   std::uint64_t run(const Pass& pass, const Lightmap& before, TexelRange range,

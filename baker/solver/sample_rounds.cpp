@@ -264,6 +264,7 @@ Work SampleRounds::cost(Doublings times, std::uint32_t shadow_rays,
 void SampleRounds::foresee(const Lightmap& light) {
   if (next_work_.sum() > 0) work_done_ += next_work_ + judge_work();
   next_work_ = {};
+  work_before_.assign(1, 0);
   Work all;
   first_directions_.clear();
   adds_shadow_rays_ = false;
@@ -283,6 +284,7 @@ void SampleRounds::foresee(const Lightmap& light) {
     }
     const Work work = cost(chosen, light.direct_samples[t], light.samples[t]);
     next_work_ += work * share;
+    work_before_.push_back(next_work_.sum());
     const Work to_target =
         rms ? cost(wanted[t / kTileTexels], light.direct_samples[t], light.samples[t])
             : work_to_target(tile, light);
@@ -290,6 +292,15 @@ void SampleRounds::foresee(const Lightmap& light) {
   }
   if (next_work_.sum() > 0) all += judge_work();
   expected_work_ = work_done_ + all;
+}
+
+double SampleRounds::work_share(double share) const {
+  if (work_before_.empty() || !(work_before_.back() > 0)) return share;
+  const double at = share * double(work_before_.size() - 1);
+  const auto tile = std::min(std::size_t(at), work_before_.size() - 1);
+  const double next = work_before_[std::min(tile + 1, work_before_.size() - 1)];
+  const double here = work_before_[tile];
+  return (here + (at - double(tile)) * (next - here)) / work_before_.back();
 }
 
 Work SampleRounds::work_to_target(TexelRange tile, const Lightmap& light) const {
@@ -328,9 +339,9 @@ void SampleRounds::guess(const Lightmap& light, Known known) {
   // tile is above its mean; all indirect light over the direct, and over the first bounce; and the
   // error of a gather by 64 directions, relative to what they bring.
   const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
-  const double left_direct = in_.filter ? (many_lights ? 0.1 : 0.4) : 1,
-               left_gathered = in_.filter ? 0.25 : 1;
-  constexpr double kAboveMean = 1.4, kIndirect = 0.8, kAllBounces = 1.7, kGatherError = 0.2;
+  const double left_direct = in_.filter ? (many_lights ? 0.1 : 0.25) : 1,
+               left_gathered = in_.filter ? 0.12 : 1;
+  constexpr double kAboveMean = 1.4, kIndirect = 0.8, kAllBounces = 1.7, kGatherError = 0.1;
   const bool bounces = in_.settings.bounces > 0;
   const double unknown = known == Known::kFirstBounce || !bounces ? 0 : kIndirect,
                all_bounces = known == Known::kFirstBounce ? kAllBounces : 1;

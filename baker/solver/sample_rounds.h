@@ -61,6 +61,8 @@ class SampleRounds {
   /// Expected effort: of the batches of the next round; and of all rounds, those done included.
   Work next_work() const { return next_work_; }
   Work expected_work() const { return expected_work_; }
+  /// Share of the next round's effort in the first `share` of the texels.
+  double work_share(double share) const;
   /// Of judge().
   static Work judge_work() { return Work::other(work::kFilter); }
 
@@ -109,6 +111,7 @@ class SampleRounds {
   std::vector<Doublings> tiles_;           ///< of the next round
   std::set<std::uint32_t> first_directions_;
   bool adds_shadow_rays_ = false;
+  std::vector<double> work_before_;  ///< of the next round: of all tiles before each, and of all
   Work next_work_, expected_work_, work_done_;
 };
 

@@ -60,6 +60,8 @@ class Solver {
   virtual std::uint32_t max_passes() const = 0;
   /// Expected effort of all passes. May change with what they find.
   virtual Work total_work() const = 0;
+  /// Share of the work of a pass that is under way in the first `share` of its texels.
+  virtual double work_share(const Pass&, double share) const { return share; }
   /// Called once before the pass's batches, from one thread. `after` is a copy of `before`; makes
   /// its own the planes that the pass changes. False when stopped.
   virtual bool begin(const Pass&, const Lightmap& before, Lightmap& after, const Workers&) = 0;

@@ -52,6 +52,19 @@ TEST(Pace, EveryKindOfWorkHasItsOwn) {
               0.5 * (10 * 1.75 / 15 + 10 * 7. / 15) + 10 * (8.75 / 30), 0.3);
 }
 
+// A pass needs a second before its first batch: one per cent done in a second is no rate yet.
+TEST(Pace, WhatAPassDoesFirstIsNotItsRate) {
+  Pace pace({}, kStart);
+  const Work all = Work::shadow_rays(10) + Work::directions(100);
+  const auto now = kStart + milliseconds(10000);
+  pace.end_pass(pass_of(Work::shadow_rays(10)), now);
+  const Pass next = pass_of(Work::directions(100));
+  EXPECT_LT(*pace.ahead(next, 0.01, all, now + milliseconds(2000)).seconds_left, 120)
+      << "by the first batch alone it would be 198";
+  EXPECT_NEAR(*pace.ahead(next, 0.2, all, now + milliseconds(21000)).seconds_left, 84, 1e-6)
+      << "then what was measured";
+}
+
 TEST(Pace, WhatComesAfterThePassesBatchesIsLeft) {
   const Pace pace({}, kStart);
   const Pass pass = pass_of(Work::other(10), Work::other(10));

@@ -6,7 +6,10 @@
 #include <random>
 
 #include "baker/solver/filter/surface_neighbours.h"
+#include "baker/solver/sample_rounds.h"
+#include "baker/solver/work.h"
 #include "tests/solver/quad_scene.h"
+#include "tests/support/ready_scene.h"
 
 namespace kiln::baker::test {
 namespace {
@@ -184,6 +187,40 @@ TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
   for (const std::uint32_t n : limited.light->direct_samples) ASSERT_LE(n, 64u);
   for (const std::uint32_t n : limited.light->samples) ASSERT_LE(n, 64u);
   EXPECT_GT(*limited.passes.back().standard_error, 0.009);
+}
+
+// Where the samples of a round go is known: half of its texels may be far from half of its work.
+TEST(SampleRounds, KnowHowFarARoundHasCome) {
+  const kiln::test::ReadyScene room("cornell", 0, 96);
+  proto::SolverSettings settings;
+  settings.coarse_indirect = false;
+  auto in = room.input(settings);
+  in.plan = sample_plan(settings, {.target_error = 0.009f});
+  const auto solver = make_solver(in);
+  const std::uint32_t half = room.texels.size() / 128 * 64;  // whole tiles
+  std::shared_ptr<const Lightmap> before;
+  double told = 0, done = 0;
+  SolveHooks hooks;
+  hooks.before_pass = [&](const Pass& pass) {
+    if (pass.name == SampleRounds::kName && told == 0)
+      told = solver->work_share(pass, double(half) / room.texels.size());
+  };
+  hooks.on_pass = [&](const Pass& pass, const proto::PassReport&,
+                      std::shared_ptr<const Lightmap> light) -> proto::Expected<void> {
+    if (pass.name == SampleRounds::kName && done == 0) {
+      double work[2] = {0, 0};
+      for (std::uint32_t t = 0; t < light->size(); ++t)
+        work[t >= half] += (light->direct_samples[t] - before->direct_samples[t]) +
+                           work::kDirection * (light->samples[t] - before->samples[t]);
+      done = work[0] / (work[0] + work[1]);
+    }
+    before = light;
+    return {};
+  };
+  ThreadPool pool(2);
+  ASSERT_TRUE(solve(*solver, room.texels, pool, {}, hooks));
+  EXPECT_GT(std::abs(done - 0.5), 0.1) << "or this would show nothing";
+  EXPECT_NEAR(told, done, 0.01);  // the last tile is not whole
 }
 
 // A room with a lamp close above a block: what is bright makes the mean square, the dark does not.
