@@ -13,6 +13,7 @@
 #include "baker/pace.h"
 #include "baker/solver/checkpoint.h"
 #include "baker/solver/checkpoint_writer.h"
+#include "baker/solver/direct.h"
 #include "baker/solver/simd/kernels.h"
 #include "baker/solver/solve.h"
 #include "baker/solver/work.h"
@@ -305,7 +306,8 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
                                  lights,
                                  lookup,
                                  input.settings.solver,
-                                 sample_plan(input.settings.solver, input.settings.quality),
+                                 sample_plan(input.settings.solver, input.settings.quality,
+                                             lights.area().size() > DirectLight::kFewLights),
                                  input.settings.post.filter};
   const auto solver = make_solver(solver_input);
   SolveStart start = checkpoints.find(*solver, texels->size());

@@ -204,7 +204,6 @@ class ManyLights {
           i > 0 && (texels.chart[t] != texels.chart[t - 1] ||
                     dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
       if (i % step == 0 || new_surface) pilots_.push_back(i);
-      frames_[i] = tile[i].at.frames();
     }
     const auto distance2 = [&](std::size_t i, std::size_t k) {
       const Vec3 d = texels.position[tile[i].texel] - texels.position[tile[k].texel];
@@ -221,31 +220,30 @@ class ManyLights {
     choice_.finish();
   }
 
-  /// At one point towards lights that are far away, else at all points of all texels that it
-  /// stands for, for its middle tells little then.
+  /// At one point towards lights that are far away, else at all points of the pilot's footprint,
+  /// for its middle tells little then.
   void look_from(std::span<const Receiver> tile, std::size_t pilot) {
+    const Footprint& at = tile[pilot].at;
+    const PointFrames frames = at.frames();
     const std::uint32_t texel = tile[pilot].texel;
     const Vec3 p = in_.texels.position[texel], n = in_.texels.shading_normal[texel];
-    float radius2 = 0, extent2 = 0;
-    for (const Vec3& q : tile[pilot].at.position) radius2 = std::max(radius2, dot(q - p, q - p));
-    for (const std::size_t i : around_[pilot])
-      for (const Vec3& q : tile[i].at.position) extent2 = std::max(extent2, dot(q - p, q - p));
-    const float extent = std::sqrt(extent2);
-    const Viewpoint from{
-        {p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, kNearRadii * std::sqrt(radius2) + extent};
+    const auto farthest = [p](const Footprint& footprint) {
+      float square = 0;
+      for (const Vec3& q : footprint.position) square = std::max(square, dot(q - p, q - p));
+      return std::sqrt(square);
+    };
+    float extent = 0;
+    for (const std::size_t i : around_[pilot]) extent = std::max(extent, farthest(tile[i].at));
+    const Viewpoint from{{p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, kNearRadii * farthest(at)};
     choice_.add(from, [&](std::uint32_t l) {
       const AreaLight& light = in_.lights.area()[l];
-      float sum = 0;
-      for (const std::size_t i : around_[pilot])
-        sum += lamp_.view(light, tile[i].at, frames_[i]).mean;
-      return luminance(light.radiance) * sum / float(around_[pilot].size());
+      return luminance(light.radiance) * lamp_.view(light, at, frames).mean;
     });
   }
 
   const SolverInput& in_;
   const LampLight lamp_;
   LightChoice choice_;
-  std::array<PointFrames, kTileTexels> frames_;
   std::vector<std::size_t> pilots_;                           ///< places in the tile
   std::array<std::vector<std::size_t>, kTileTexels> around_;  ///< what each pilot stands for
 };

@@ -14,6 +14,8 @@ std::uint32_t first_samples(float target_error) {
   return 256;
 }
 
+/// Shadow rays that a target starts with where there are many lights.
+constexpr std::uint32_t kFirstOfMany = 16;
 /// Below this target the bias of interpolated texels would be felt.
 constexpr float kFinestCoarseTarget = 0.008f;
 /// Paths per texel where nobody said how many.
@@ -21,14 +23,16 @@ constexpr std::uint32_t kPaths = 256;
 
 }  // namespace
 
-SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality) {
+SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
+                       bool many_lights) {
   SamplePlan plan;
   const float target = proto::target_error(quality);
   const std::uint32_t first = std::min(first_samples(target), quality.max_samples);
   const bool path = solver.method == proto::Method::kPath;
   plan.directions = solver.samples.value_or(path ? kPaths : first);
   plan.most_directions = solver.samples || path ? plan.directions : quality.max_samples;
-  plan.shadow_rays = solver.direct_samples.value_or(first);
+  plan.shadow_rays =
+      solver.direct_samples.value_or(many_lights ? std::min(first, kFirstOfMany) : first);
   plan.most_shadow_rays = solver.direct_samples ? plan.shadow_rays : quality.max_samples;
   if (!path && (!solver.samples || !solver.direct_samples)) plan.target_error = target;
   plan.measure = quality.measure;

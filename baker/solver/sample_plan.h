@@ -23,6 +23,9 @@ inline SkyShares sky_shares(const SamplePlan& plan) {
   return {float(plan.shadow_rays), float(plan.directions)};
 }
 
-SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&);
+/// @param many_lights there are more than DirectLight::kFewLights: a ray towards one of them costs
+/// several times as much, so few are sent before there is a first picture
+SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
+                       bool many_lights = false);
 
 }  // namespace kiln::baker
