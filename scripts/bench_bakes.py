@@ -41,6 +41,7 @@ class Effort:
 
     def __init__(self, quick):
         self.gather = [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024]
+        self.rms = [0.2] if quick else [0.08, 0.04, 0.02, 0.01, 0.007]
         self.presets = ["draft"] if quick else ["draft", "preview", "production", "reference"]
         self.path = [4] if quick else [16]
         self.ablation = [16, 64] if quick else [32, 128, 512]
@@ -57,6 +58,10 @@ def ours_settings(effort):
     for series, without in ABLATION.items():
         for n in effort.ablation:
             yield series, f"samples {n}", {"solver.samples": n, "solver.direct_samples": n, **without}
+    for target in effort.rms:
+        named = {"quality.measure": "rms", "quality.target_error": target}
+        yield "rms", f"rms {target}", {**named, "post.filter": False}
+        yield "rms_filter", f"rms {target}", named
     for preset in effort.presets:
         yield "presets", preset, {"quality.preset": preset}
     for n in effort.path:

@@ -9,9 +9,11 @@ import shutil
 from pathlib import Path
 
 COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter": "#1e8449",
-           "presets": "#8e44ad"}
+           "rms": "#d68910", "rms_filter": "#17a589", "presets": "#8e44ad"}
 NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather, no filter",
-         "filter": "Lightkiln, gather", "presets": "Lightkiln, presets"}
+         "filter": "Lightkiln, gather",
+         "rms": "Lightkiln, error named, no filter", "rms_filter": "Lightkiln, error named",
+         "presets": "Lightkiln, presets"}
 BOUNCES_AT = {"cornell": "256²", "cornell_geom": "1024²"}  # pages of the bounces benchmark
 TARGETS = [0.05, 0.02, 0.01]
 # What a curve leaves out that "filter" has.
@@ -147,7 +149,7 @@ def factors(rows, time):
     """Time to equal error, ours against Cycles'."""
     out = []
     for scene in scenes(rows):
-        for series in ("gather", "filter", "presets"):
+        for series in ("gather", "filter", "rms", "rms_filter", "presets"):
             for goal in TARGETS:
                 theirs = seconds_to(curve(rows, scene, "cycles", time), goal)
                 ours = seconds_to(curve(rows, scene, series, time), goal)

@@ -220,8 +220,8 @@ class ManyLights {
     choice_.finish();
   }
 
-  /// At one point towards lights that are far away, else at all points of the pilot's footprint,
-  /// for its middle tells little then.
+  /// At one point towards lights that are far away, else at four of the pilot's footprint, for its
+  /// middle tells little then.
   void look_from(std::span<const Receiver> tile, std::size_t pilot) {
     const Footprint& at = tile[pilot].at;
     const PointFrames frames = at.frames();
@@ -237,7 +237,7 @@ class ManyLights {
     const Viewpoint from{{p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, kNearRadii * farthest(at)};
     choice_.add(from, [&](std::uint32_t l) {
       const AreaLight& light = in_.lights.area()[l];
-      return luminance(light.radiance) * lamp_.view(light, at, frames).mean;
+      return luminance(light.radiance) * lamp_.view(light, at, frames, 4).mean;
     });
   }
 

@@ -20,7 +20,7 @@ constexpr float kNearLamp = 4;
 }  // namespace
 
 LampLight::View LampLight::view(const AreaLight& light, const Footprint& at,
-                                const PointFrames& frames) const {
+                                const PointFrames& frames, std::uint32_t points) const {
   // Below this size against the distance the closed form loses digits, and the light is as good
   // as constant over the lamp anyway.
   constexpr float kSmall = 0.02f;
@@ -29,7 +29,7 @@ LampLight::View LampLight::view(const AreaLight& light, const Footprint& at,
   kernels_.view_light(light.shape(), frames, seen);
   view.exact = light.longest_edge_m >= kSmall * light.least_distance(at.position[0]);
   float sum = 0;
-  for (std::uint32_t i = 0; i < kPoints; ++i) {
+  for (std::uint32_t i = 0; i < points; ++i) {
     view.irradiance[i] = 0;
     if (!light.shows_to(light.height_over(at.position[i]))) continue;
     view.irradiance[i] = seen.irradiance[i];
@@ -38,7 +38,7 @@ LampLight::View LampLight::view(const AreaLight& light, const Footprint& at,
                                               at.geometric_normal[i], light.outline());
     sum += view.irradiance[i];
   }
-  view.mean = sum / kPoints;
+  view.mean = sum / float(points);
   return view;
 }
 

@@ -27,7 +27,10 @@ class LampLight {
     float mean = 0;                        ///< over the points
     bool exact = true;  ///< false: the closed form has lost its digits, good for importance only
   };
-  View view(const AreaLight&, const Footprint&, const PointFrames&) const;
+  /// From the first `points` of the footprint: of 4, a good guess at the mean for a quarter of the
+  /// time where the lamp crosses the horizon.
+  View view(const AreaLight&, const Footprint&, const PointFrames&,
+            std::uint32_t points = Footprint::kPoints) const;
 
   /// Irradiance per unit radiance, with half the difference between two halves of the rays.
   struct Arrived {
