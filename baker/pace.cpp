@@ -59,7 +59,8 @@ Pace::Ahead Pace::ahead(const Pass& pass, double share, const Work& all,
   const double seconds = seconds_between(pass_start_, now);
   Timed timed = timed_;
   timed.add(fresh, known * seconds + (1 - known) * dot(timed.rates(), fresh));
-  if (seconds_between(start_, now) >= kLeastSeconds) ahead.seconds_left = dot(timed.rates(), left);
+  if (timed.any() && seconds_between(start_, now) >= kLeastSeconds)
+    ahead.seconds_left = dot(timed.rates(), left);
   return ahead;
 }
 

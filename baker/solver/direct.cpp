@@ -4,6 +4,7 @@
 #include <array>
 #include <numeric>
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -15,7 +16,7 @@ namespace {
 
 constexpr std::uint32_t kTileTexels = 16;
 constexpr std::uint32_t kPilots = 4;
-/// Lights nearer than so many radii of the footprint are weighed at each of its points.
+/// Lights nearer than so many radii of the footprint are weighed at four of its points.
 constexpr float kNearRadii = 4;
 
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
@@ -205,15 +206,19 @@ class ManyLights {
                     dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
       if (i % step == 0 || new_surface) pilots_.push_back(i);
     }
-    const auto distance2 = [&](std::size_t i, std::size_t k) {
-      const Vec3 d = texels.position[tile[i].texel] - texels.position[tile[k].texel];
-      return dot(d, d);
+    // Farther is what is on another surface.
+    const auto distance = [&](std::size_t i, std::size_t k) {
+      const std::uint32_t t = tile[i].texel, u = tile[k].texel;
+      const Vec3 d = texels.position[t] - texels.position[u];
+      const bool other = texels.chart[t] != texels.chart[u] ||
+                         dot(texels.shading_normal[t], texels.shading_normal[u]) < 0.9f;
+      return std::tuple(i != k, other, dot(d, d));
     };
     for (auto& group : around_) group.clear();
     for (std::size_t i = 0; i < tile.size(); ++i) {
       const auto nearest = std::min_element(
           pilots_.begin(), pilots_.end(),
-          [&](std::size_t a, std::size_t b) { return distance2(i, a) < distance2(i, b); });
+          [&](std::size_t a, std::size_t b) { return distance(i, a) < distance(i, b); });
       around_[*nearest].push_back(i);
     }
     for (const std::size_t pilot : pilots_) look_from(tile, pilot);

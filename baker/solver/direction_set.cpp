@@ -13,7 +13,7 @@ namespace {
 /// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
 constexpr std::uint32_t kCoherentSamples = 256;
 
-bool is_whole_net(std::uint32_t first, std::uint32_t count) {
+bool is_net(std::uint32_t first, std::uint32_t count) {
   return std::has_single_bit(count) && first % count == 0;
 }
 
@@ -44,8 +44,8 @@ void deal_halves(std::vector<std::uint32_t>& order) {
 DirectionSet::DirectionSet(std::uint32_t from, std::uint32_t n, bool sorted, bool low_discrepancy)
     : first(from),
       count(n),
-      coherent(sorted && low_discrepancy && n >= kCoherentSamples && is_whole_net(from, n)),
-      is_net(low_discrepancy) {
+      coherent(sorted && low_discrepancy && n >= kCoherentSamples && is_net(from, n)),
+      is_low_discrepancy(low_discrepancy) {
   std::vector<std::uint32_t> order(n);
   std::iota(order.begin(), order.end(), first);
   if (coherent)
@@ -85,7 +85,7 @@ Estimate DirectionSet::estimate(Rgb first_sum, Rgb second_sum) const {
   } else {
     const float half =
         (luminance(first_sum) / a - luminance(second_sum) / b) * std::sqrt(a * b) / n;
-    e.spread = half * (is_net ? kNetSpread : 1);
+    e.spread = half * (is_low_discrepancy ? kNetSpread : 1);
   }
   return e;
 }

@@ -16,7 +16,7 @@ struct DirectionSet {
   std::uint32_t first = 0;          ///< its place in the sequence
   std::uint32_t count = 0;
   bool coherent = false;  ///< each run of sixteen is a narrow cone
-  bool is_net = true;     ///< of low discrepancy
+  bool is_low_discrepancy = true;
 
   /// @param sorted puts directions near to each other into one packet, where they are many enough
   DirectionSet(std::uint32_t first, std::uint32_t count, bool sorted, bool low_discrepancy = true);

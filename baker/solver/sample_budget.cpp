@@ -11,13 +11,22 @@ struct Choice {
   double variance = 0;  ///< afterwards
 };
 
-/// @param left of the variance after one doubling
-Choice at_price(const SampleLot& lot, double price, double left) {
+/// How the variance of a lot falls.
+struct Fall {
+  double slope, by_doubling;  ///< what one doubling leaves of it
+
+  explicit Fall(double s) : slope(s), by_doubling(std::exp2(-2 * s)) {}
+  double left(double had, double more) const {
+    return more < had ? std::pow(1 + more / had, -2 * slope) : by_doubling;
+  }
+};
+
+Choice at_price(const SampleLot& lot, double price, const Fall& fall) {
   Choice c{0, lot.variance};
-  double samples = lot.samples;
-  while (samples > 0 && 2 * samples <= lot.most &&
-         c.variance * (1 - left) > price * samples * lot.cost) {
-    c.variance *= left, samples *= 2;
+  for (double had = lot.samples; had > 0 && had < lot.most;) {
+    const double more = std::min(had, lot.most - had), left = fall.left(had, more);
+    if (!(c.variance * (1 - left) > price * more * lot.cost)) break;
+    c.variance *= left, had += more;
     ++c.doublings;
   }
   return c;
@@ -27,17 +36,21 @@ Choice at_price(const SampleLot& lot, double price, double left) {
 
 std::vector<std::uint32_t> least_doublings(std::span<const SampleLot> lots, double allowed,
                                            double slope) {
-  const double left = std::exp2(-2 * slope);
+  const Fall fall(slope);
   const auto variance_at = [&](double price) {
     double sum = 0;
-    for (const SampleLot& lot : lots) sum += at_price(lot, price, left).variance;
+    for (const SampleLot& lot : lots) sum += at_price(lot, price, fall).variance;
     return sum;
   };
+  constexpr double kNearLeast = 1.25;
+  if (const double least = variance_at(0); least > allowed) allowed = kNearLeast * least;
   // The price at which no lot doubles any more.
   double high = 0;
-  for (const SampleLot& lot : lots)
-    if (lot.cost > 0 && lot.samples > 0)
-      high = std::max(high, lot.variance * (1 - left) / (lot.samples * lot.cost));
+  for (const SampleLot& lot : lots) {
+    const double more = std::min(lot.samples, lot.most - lot.samples);
+    if (lot.cost > 0 && more > 0)
+      high = std::max(high, lot.variance * (1 - fall.left(lot.samples, more)) / (more * lot.cost));
+  }
   std::vector<std::uint32_t> doublings(lots.size());
   if (!(high > 0) || variance_at(high) <= allowed) return doublings;
   double low = high;
@@ -48,7 +61,7 @@ std::vector<std::uint32_t> least_doublings(std::span<const SampleLot> lots, doub
     (variance_at(price) > allowed ? high : low) = price;
   }
   for (std::size_t i = 0; i < lots.size(); ++i)
-    doublings[i] = at_price(lots[i], low, left).doublings;
+    doublings[i] = at_price(lots[i], low, fall).doublings;
   return doublings;
 }
 

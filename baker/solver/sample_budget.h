@@ -15,9 +15,11 @@ struct SampleLot {
 };
 
 /// How often each lot is to double its samples for the variance of all to come down to `allowed` at
-/// the least cost, if a lot's error falls with N^-slope; as often as it may where that is too
-/// little. At the least cost the last doubling of every lot takes away the same variance for its
+/// the least cost, if a lot's error falls with N^-slope. The last doubling may be a part of one, up
+/// to `most`. At the least cost the last doubling of every lot takes away the same variance for its
 /// cost (the condition of Lagrange), so a lot doubles while it takes away more than one price.
+/// Where all that may be sent leaves more than `allowed`, the aim is a quarter above what it
+/// leaves: the last of it would cost most and be seen least.
 std::vector<std::uint32_t> least_doublings(std::span<const SampleLot>, double allowed,
                                            double slope);
 

@@ -205,7 +205,9 @@ std::vector<SampleRounds::Doublings> SampleRounds::by_mean_square(std::span<cons
   std::vector<SampleLot> lots;
   for (const Noise& n : tiles) {
     const double most_rays = can_add_shadow_rays_ ? in_.plan.most_shadow_rays : 0;
-    const double most_directions = can_add_directions_ ? in_.plan.most_directions : 0;
+    // Where none gathers, the noise is that of the sites around.
+    const double most_directions =
+        can_add_directions_ && n.gathering > 0 ? in_.plan.most_directions : 0;
     lots.push_back({n.direct, double(n.shadow_rays), most_rays, per_ray * n.texels});
     lots.push_back(
         {n.gathered, double(n.directions), most_directions, per_direction * n.gathering});

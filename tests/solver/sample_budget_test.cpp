@@ -44,9 +44,16 @@ TEST(SampleBudget, NoiseAndPriceDecide) {
   EXPECT_EQ(doublings[3], 0u);
 }
 
-TEST(SampleBudget, WhatCantBeReachedTakesAllThatMayBe) {
-  const std::vector<SampleLot> lots{{1, 16, 256, 1}, {1e-6, 16, 100, 3}, {1, 16, 16, 1}};
-  EXPECT_EQ(least_doublings(lots, 0, kSlope), (std::vector<std::uint32_t>{4, 2, 0}));
+// A lot that can't be helped must not send the others to their limits.
+TEST(SampleBudget, WhatCantBeReachedIsNotChased) {
+  const std::vector<SampleLot> lots{{1, 16, 4096, 1}, {1, 16, 16, 1}, {1e-6, 16, 4096, 1}};
+  EXPECT_EQ(least_doublings(lots, 0.5, kSlope), (std::vector<std::uint32_t>{2, 0, 0}));
+}
+
+TEST(SampleBudget, TheLastStepGoesUpToTheLimit) {
+  const std::vector<SampleLot> lots{{1, 64, 100, 1}};
+  EXPECT_EQ(least_doublings(lots, 0.6, kSlope), std::vector<std::uint32_t>{1});
+  EXPECT_EQ(least_doublings({{{1, 100, 100, 1}}}, 0.6, kSlope), std::vector<std::uint32_t>{0});
 }
 
 // Against all choices of up to five doublings for each of four lots. A price takes lots whole, so
