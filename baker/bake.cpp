@@ -299,16 +299,16 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   auto rays = RayScene::build(scene, stop);
   if (!rays) return Unexpected(rays.error());
   const TexelLookup lookup(scene, atlas, *texels);
-  const SolverInput solver_input{scene,
-                                 atlas,
-                                 *texels,
-                                 *rays,
-                                 lights,
-                                 lookup,
-                                 input.settings.solver,
-                                 sample_plan(input.settings.solver, input.settings.quality,
-                                             lights.area().size() > DirectLight::kFewLights),
-                                 input.settings.post.filter};
+  const SolverInput solver_input{
+      scene,
+      atlas,
+      *texels,
+      *rays,
+      lights,
+      lookup,
+      input.settings.solver,
+      sample_plan(input.settings.solver, input.settings.quality, DirectLight::are_many(lights)),
+      input.settings.post.filter};
   const auto solver = make_solver(solver_input);
   SolveStart start = checkpoints.find(*solver, texels->size());
   CheckpointWriter& writer = checkpoints.writer();

@@ -378,9 +378,8 @@ std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, TexelR
 
 std::uint64_t DirectLight::run(TexelRange range, std::uint32_t first, std::uint32_t count,
                                const Put& put) const {
-  return in_.lights.area().size() <= kFewLights
-             ? light_texels(in_, FewLights(in_), range, first, count, put)
-             : light_texels(in_, ManyLights(in_), range, first, count, put);
+  return are_many(in_.lights) ? light_texels(in_, ManyLights(in_), range, first, count, put)
+                              : light_texels(in_, FewLights(in_), range, first, count, put);
 }
 
 }  // namespace kiln::baker

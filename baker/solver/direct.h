@@ -22,6 +22,7 @@ class DirectLight {
 
   /// Up to this many lights each texel weighs them for itself.
   static constexpr std::size_t kFewLights = 16;
+  static bool are_many(const LightSet& lights) { return lights.area().size() > kFewLights; }
 
   using Put = std::function<void(std::uint32_t texel, const Estimate&)>;  ///< irradiance, lx
   /// Calls `put` for the texels of `range`, which begins at a multiple of 16.

@@ -85,10 +85,8 @@ Pass GatherSchedule::plan_bounce(std::span<const proto::PassReport> done) const 
 
 Work GatherSchedule::direct_work() const {
   constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
-  const std::size_t lights = in_.lights.area().size();
-  const double area = lights == 0                         ? 0
-                      : lights <= DirectLight::kFewLights ? kSent
-                                                          : work::kManyLightsRay;
+  const double ray = DirectLight::are_many(in_.lights) ? work::kManyLightsRay : kSent;
+  const double area = in_.lights.area().empty() ? 0 : ray;
   const double sky = in_.lights.has_bright_sky() ? 1 : 0;
   const double punctual = double(in_.lights.punctual().size()) * TextureGroup::kPointsPerTexel;
   return Work::shadow_rays((area + sky) * in_.plan.shadow_rays + punctual);

@@ -27,8 +27,9 @@ class LampLight {
     float mean = 0;                        ///< over the points
     bool exact = true;  ///< false: the closed form has lost its digits, good for importance only
   };
-  /// From the first `points` of the footprint: of 4, a good guess at the mean for a quarter of the
-  /// time where the lamp crosses the horizon.
+  /// From the first `points` of the footprint; the others' irradiance is left out of the mean, and
+  /// not set. Four are a good guess at the mean for a quarter of the time where the lamp crosses
+  /// the horizon.
   View view(const AreaLight&, const Footprint&, const PointFrames&,
             std::uint32_t points = Footprint::kPoints) const;
 

@@ -23,7 +23,7 @@ inline SkyShares sky_shares(const SamplePlan& plan) {
   return {float(plan.shadow_rays), float(plan.directions)};
 }
 
-/// @param many_lights there are more than DirectLight::kFewLights: a ray towards one of them costs
+/// @param many_lights DirectLight::are_many(): a ray towards one of them costs
 /// several times as much, so few are sent before there is a first picture
 SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
                        bool many_lights = false);

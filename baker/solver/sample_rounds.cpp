@@ -316,7 +316,7 @@ Work SampleRounds::work_to_target(TexelRange tile, const Lightmap& light) const 
 
 /// Most texels take no directions where they are gathered coarsely.
 Work SampleRounds::cost(double shadow_rays, double directions) const {
-  const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
+  const bool many_lights = DirectLight::are_many(in_.lights);
   return Work::shadow_rays(shadow_rays * (many_lights ? work::kManyLightsRay : 1)) +
          Work::directions(directions * work::kDirection * gather_share());
 }
@@ -340,7 +340,7 @@ void SampleRounds::guess(const Lightmap& light, Known known) {
   // Means over scenes. What the filter leaves of the variance; how far the error that counts in a
   // tile is above its mean; all indirect light over the direct, and over the first bounce; and the
   // error of a gather by 64 directions, relative to what they bring.
-  const bool many_lights = in_.lights.area().size() > DirectLight::kFewLights;
+  const bool many_lights = DirectLight::are_many(in_.lights);
   const double left_direct = in_.filter ? (many_lights ? 0.1 : 0.25) : 1,
                left_gathered = in_.filter ? 0.12 : 1;
   constexpr double kAboveMean = 1.4, kIndirect = 0.8, kAllBounces = 1.7, kGatherError = 0.1;

@@ -263,8 +263,8 @@ TEST_F(MeanSquare, IsWhatItIsToldToBe) {
       square += std::pow(luminance(bake.irradiance(t)) - luminance(truth.light->irradiance(t)), 2);
     const double measured = std::sqrt(square / room_.texels().front_count) / mean(truth);
     RecordProperty("told_over_measured", std::to_string(told / measured));
-    EXPECT_GT(told, 0.6 * measured) << target;
-    EXPECT_LT(told, 1.7 * measured) << target;
+    EXPECT_GT(told, 0.7 * measured) << target;  // interpolation is not told
+    EXPECT_LT(told, 1.35 * measured) << target;
   }
 }
 

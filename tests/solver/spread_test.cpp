@@ -76,8 +76,8 @@ TEST_P(Spreads, AreTheErrorBetweenSeeds) {
     const auto check = [&](const Seeds& s, const std::string& name) {
       const double ratio = s.told / s.scatter;
       RecordProperty(name + "_told_over_scatter_" + std::to_string(n), std::to_string(ratio));
-      EXPECT_GT(ratio, 0.75) << name << " by " << n;
-      EXPECT_LT(ratio, 1.35) << name << " by " << n;
+      EXPECT_GT(ratio, 0.8) << name << " by " << n;
+      EXPECT_LT(ratio, 1.25) << name << " by " << n;
     };
     if (parts.direct.scatter > 1e-4 * parts.direct.mean) check(parts.direct, "direct");
     check(parts.indirect, "indirect");
