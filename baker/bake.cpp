@@ -319,11 +319,11 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
   return solution;
 }
 
-std::shared_ptr<SceneSource> source_of(const BakeInput& input) {
+std::shared_ptr<UploadReader> source_of(const BakeInput& input) {
   if (input.source) return input.source;
   SceneFiles files = input.files;
   files.sky_map = input.settings.sky.map;
-  return std::make_shared<FilesInProcess>(std::move(files), input.limits);
+  return std::make_shared<InProcessReader>(std::move(files), input.limits);
 }
 
 }  // namespace
@@ -381,7 +381,10 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   warn_of_texels(manifest.statistics, double(plan.target_error), manifest.warnings);
 
   course.enter("output", kSolvedAt);
-  const OutputInput output{*source, *scene, *atlas, *texels, *solution->light, solution->filtered};
+  const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
+    return source->write_lit(path, *scene, *atlas, pages, std::move(until));
+  };
+  const OutputInput output{write_lit, *scene, *atlas, *texels, *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   if (!checkpoints.writer().flush())

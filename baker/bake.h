@@ -12,7 +12,7 @@
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/scene/import.h"
-#include "baker/scene_source.h"
+#include "baker/upload_reader.h"
 #include "baker/solver/lightmap.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -64,7 +64,7 @@ struct BakeInput {
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
   /// What reads the files, the sky map among them if the settings name one; null: this process
   /// does, within the limits. Used by one bake at a time.
-  std::shared_ptr<SceneSource> source = nullptr;
+  std::shared_ptr<UploadReader> source = nullptr;
   /// Of the processors' time that checkpoints may take; from 1 on each pass waits for its own. See
   /// CheckpointWriter.
   double checkpoint_share = 0.05;

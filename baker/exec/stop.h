@@ -8,7 +8,14 @@
 #include <utility>
 #include <vector>
 
+#include "proto/expected.h"
+
 namespace kiln::baker {
+
+/// The answer of work that a stop request ended.
+inline proto::Unexpected canceled() {
+  return proto::fail(proto::kCanceledCode, "canceled");
+}
 
 /// Whether to stop, asked in an inner loop: looked up once in 4096 times.
 class StopPoll {

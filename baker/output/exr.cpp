@@ -13,7 +13,7 @@
 #include <cmath>
 #include <new>
 
-#include "baker/output/output.h"
+#include "baker/image/page_image.h"
 
 namespace kiln::baker {
 namespace {

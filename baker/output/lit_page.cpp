@@ -1,6 +1,6 @@
 #include "baker/output/lit_page.h"
 
-#include "baker/output/png.h"
+#include "baker/image/page_image.h"
 
 namespace kiln::baker {
 namespace {

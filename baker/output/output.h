@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <span>
 #include <stop_token>
@@ -12,8 +13,9 @@
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/thread_pool.h"
+#include "baker/image/page_image.h"
 #include "baker/post/post.h"
-#include "baker/scene/import.h"
+#include "baker/files/upload.h"
 #include "baker/scene/scene.h"
 #include "baker/solver/filter/filter_bank.h"
 #include "baker/solver/lightmap.h"
@@ -22,29 +24,6 @@
 #include "proto/manifest.h"
 
 namespace kiln::baker {
-
-/// Named image layers of one page; the first is written as R,G,B,A, others as name.R, name.G, ...
-struct ExrLayer {
-  std::string name;
-  const PageImage* image = nullptr;
-};
-
-/// Writes a tiled, ZIP-compressed OpenEXR file with `metadata` as string attributes. Alpha is 1 on
-/// lit texels and 0 in padding. Every value must be finite and, in half precision, <= 65504
-/// (checked: `internal`, names the texel). The bytes depend on the arguments only: no dates, no
-/// host names. Errors: `io_error`, `canceled`.
-proto::Expected<void> write_exr(const std::filesystem::path&, std::span<const ExrLayer>,
-                                proto::Precision,
-                                std::span<const std::pair<std::string, std::string>> metadata,
-                                const std::stop_token& = {});
-/// Reads R,G,B of the first part of any flat OpenEXR file up to 2^27 pixels. Coverage is the alpha
-/// where that is over one half, else 0 (other bakers write partial coverage as alpha); 1 without
-/// alpha. The header is checked before memory is taken. Errors: `invalid_image`.
-proto::Expected<PageImage> read_exr(const std::filesystem::path&);
-
-/// PNG bytes of an 8-bit RGB image.
-proto::Expected<std::string> encode_png(std::span<const std::array<std::uint8_t, 3>>,
-                                        std::uint32_t width, std::uint32_t height);
 
 /// A page as lit.glb embeds it.
 struct LitPage {
@@ -63,11 +42,13 @@ proto::Expected<void> write_lit_glb(const std::filesystem::path&, const SceneFil
 proto::Expected<void> write_lit_glb(int fd, const SceneFiles&, const Scene&, const Atlas&,
                                     std::span<const LitPage>);
 
-class SceneSource;
+/// Writes lit.glb to a path. Errors: those of write_lit_glb(), and `canceled`.
+using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&,
+                                                      std::span<const LitPage>, std::stop_token)>;
 
 /// Everything of a finished bake that the files hold.
 struct OutputInput {
-  SceneSource& source;
+  LitWriter write_lit;
   const Scene& scene;
   const Atlas& atlas;
   const TextureGroup& texels;

@@ -1,4 +1,4 @@
-#include "baker/output/png.h"
+#include "baker/image/page_image.h"
 
 #include <png.h>
 #include <zlib.h>
@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "baker/output/output.h"
 
 namespace kiln::baker {
 namespace {

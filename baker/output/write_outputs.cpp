@@ -6,7 +6,6 @@
 #include "baker/exec/memory.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
-#include "baker/scene_source.h"
 #include "proto/files.h"
 #include "proto/json.h"
 
@@ -260,8 +259,7 @@ class Writer {
     if (auto ok = canceled(); !ok) return ok;
     if (auto ok = proto::write_whole(dir_ / "lit.glb",
                                      [&](const std::filesystem::path& temporary) {
-                                       return in_.source.write_lit(temporary, in_.scene, in_.atlas,
-                                                                   lit_pages_, stop_);
+                                       return in_.write_lit(temporary, lit_pages_, stop_);
                                      });
         !ok)
       return ok;

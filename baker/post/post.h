@@ -7,16 +7,10 @@
 #include <vector>
 
 #include "baker/atlas/texture_group.h"
+#include "baker/image/page_image.h"
 #include "baker/math/vec.h"
 
 namespace kiln::baker {
-
-/// A page as an image, row-major, row 0 = top.
-struct PageImage {
-  std::uint32_t width = 0, height = 0;
-  std::vector<Rgb> rgb;
-  std::vector<float> coverage;  ///< > 0 on lit texels only; padding has 0
-};
 
 /// Lays per-texel values out on a page and fills up to `dilate` rings of padding around the lit
 /// texels (0: the whole page), never writing a lit texel. A padding texel shows the lit texel that

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "baker/scene/draco_decoder.h"
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 

@@ -22,8 +22,4 @@ inline proto::Unexpected over_limit(const std::string& what, std::uint64_t limit
       pointer);
 }
 
-inline proto::Unexpected canceled() {
-  return proto::fail(proto::kCanceledCode, "canceled");
-}
-
 }  // namespace kiln::baker

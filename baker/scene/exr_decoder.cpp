@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/sky_decoder.h"
 

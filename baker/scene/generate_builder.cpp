@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "baker/output/output.h"
+#include "baker/image/page_image.h"
 
 namespace kiln::baker::generate {
 namespace {

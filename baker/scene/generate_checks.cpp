@@ -98,7 +98,7 @@ std::string plane_spot(const std::string& name, std::uint32_t) {
   add_plane(scene);
   GlbLight light;
   light.name = "spot";
-  light.type = PunctualType::kSpot;
+  light.type = GlbLight::Type::kSpot;
   light.intensity = 100;
   light.inner_cone = 0.3f;
   light.outer_cone = 0.6f;
@@ -111,7 +111,7 @@ std::string plane_sun(const std::string& name, std::uint32_t) {
   add_plane(scene);
   GlbLight light;
   light.name = "sun";
-  light.type = PunctualType::kDirectional;
+  light.type = GlbLight::Type::kDirectional;
   light.intensity = 1000;
   scene.light(light, {0, 5, 0}, {0.6f, -0.8f, 0});
   return scene.finish();

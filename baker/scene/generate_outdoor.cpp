@@ -17,7 +17,7 @@ std::array<std::uint8_t, 3> paving(std::uint32_t x, std::uint32_t y) {
 void add_lights(SceneBuilder& scene) {
   GlbLight sun;
   sun.name = "sun";
-  sun.type = PunctualType::kDirectional;
+  sun.type = GlbLight::Type::kDirectional;
   sun.color = {1, 0.95f, 0.86f};
   sun.intensity = 20000;
   scene.light(sun, {0, 12, 0}, {0.48f, -0.8f, -0.36f});
@@ -29,7 +29,7 @@ void add_lights(SceneBuilder& scene) {
   scene.light(lantern, {-5, 2.2f, -5.5f});
   GlbLight spot;
   spot.name = "spot";
-  spot.type = PunctualType::kSpot;
+  spot.type = GlbLight::Type::kSpot;
   spot.color = {0.6f, 0.75f, 1};
   spot.intensity = 30000;
   spot.inner_cone = 0.25f;

@@ -168,7 +168,7 @@ class Writer {
               {"color", numbers(light.color)},
               {"intensity", short_decimal(light.intensity)}};
     if (light.range > 0) j["range"] = short_decimal(light.range);
-    if (light.type == PunctualType::kSpot)
+    if (light.type == GlbLight::Type::kSpot)
       j["spot"] = {{"innerConeAngle", short_decimal(light.inner_cone)},
                    {"outerConeAngle", short_decimal(light.outer_cone)}};
     return j;

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "baker/math/vec.h"
-#include "baker/scene/scene.h"
 
 namespace kiln::baker {
 
@@ -35,7 +34,8 @@ struct GlbMesh {
 
 /// KHR_lights_punctual. Angles in radians; range 0 = unlimited.
 struct GlbLight {
-  PunctualType type = PunctualType::kPoint;
+  enum class Type : std::uint8_t { kDirectional, kPoint, kSpot };
+  Type type = Type::kPoint;
   std::string name;
   Rgb color{1, 1, 1};
   float intensity = 1;  ///< lx (directional) or cd

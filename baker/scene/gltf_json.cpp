@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/gltf_schema.h"
 

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/sky_decoder.h"
 

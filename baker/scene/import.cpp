@@ -7,6 +7,8 @@
 
 #include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
+#include "baker/scene/scene_file.h"
+#include "proto/sha256.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/graph.h"
 #include "baker/scene/images.h"
@@ -327,6 +329,19 @@ Expected<Scene> import_scene(const SceneFiles& files, const proto::BakeSettings&
   if (auto applied = apply_settings(*scene, settings, stop); !applied)
     return Unexpected(applied.error());
   return scene;
+}
+
+std::string import_key(const std::string& scene_key, const ImportLimits& limits,
+                       const std::optional<std::string>& sky_map) {
+  std::string text = LIGHTKILN_VERSION "\n" + std::to_string(kSceneFileVersion) + "\n" + scene_key + "\n";
+  for (const std::uint64_t limit :
+       {limits.file_bytes, limits.json_bytes, std::uint64_t{limits.json_depth},
+        std::uint64_t{limits.nodes}, std::uint64_t{limits.node_depth}, limits.vertices,
+        limits.triangles, limits.image_pixels, limits.all_image_pixels,
+        std::uint64_t{limits.lights}})
+    text += std::to_string(limit) + "\n";
+  if (sky_map) text += "sky map " + *sky_map + "\n";
+  return proto::sha256_hex(text);
 }
 
 }  // namespace kiln::baker

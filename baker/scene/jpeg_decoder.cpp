@@ -5,6 +5,7 @@
 #include <jerror.h>
 #include <jpeglib.h>  // after <cstdio>: it names FILE
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/image_decoder.h"
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <string>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/gltf_json.h"
 #include "baker/scene/tinygltf.h"

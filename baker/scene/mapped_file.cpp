@@ -1,6 +1,5 @@
 #include "baker/scene/mapped_file.h"
 
-#include "baker/scene/import.h"
 
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -54,19 +53,6 @@ proto::Expected<MappedFile> MappedFile::map(int fd, const std::string& file_name
 
 MappedFile MappedFile::view(std::string_view bytes) {
   return {bytes.data(), bytes.size(), false};
-}
-
-proto::Expected<MappedFile> map_file(const SceneFiles& files, const std::filesystem::path& path,
-                                     std::uint64_t max_bytes) {
-  if (!files.opened) return MappedFile::open(path, max_bytes);
-  const auto found = files.opened->find(path);
-  if (found == files.opened->end())
-    return proto::fail("missing_file", "cannot read \"" + path.filename().string() + "\"");
-  const std::string_view bytes = found->second.bytes();
-  if (bytes.size() <= max_bytes) return MappedFile::view(bytes);
-  return proto::fail("limit_exceeded", "\"" + path.filename().string() + "\" has " +
-                                           std::to_string(bytes.size()) + " bytes, more than the " +
-                                           std::to_string(max_bytes) + " allowed");
 }
 
 MappedFile::MappedFile(MappedFile&& other) noexcept

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/image_decoder.h"
 

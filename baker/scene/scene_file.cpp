@@ -65,19 +65,6 @@ struct Records {
 
 }  // namespace
 
-std::string import_key(const std::string& scene_key, const ImportLimits& limits,
-                       const std::optional<std::string>& sky_map) {
-  std::string text = LIGHTKILN_VERSION "\n" + std::to_string(kVersion) + "\n" + scene_key + "\n";
-  for (const std::uint64_t limit :
-       {limits.file_bytes, limits.json_bytes, std::uint64_t{limits.json_depth},
-        std::uint64_t{limits.nodes}, std::uint64_t{limits.node_depth}, limits.vertices,
-        limits.triangles, limits.image_pixels, limits.all_image_pixels,
-        std::uint64_t{limits.lights}})
-    text += std::to_string(limit) + "\n";
-  if (sky_map) text += "sky map " + *sky_map + "\n";
-  return proto::sha256_hex(text);
-}
-
 Expected<void> write_scene_file(int fd, const std::string& key, const Scene& scene) {
   const Records records(scene);
   const std::array<FlatSection, kText + 1> sections{

@@ -1,11 +1,10 @@
 #pragma once
 
-#include <optional>
+#include <cstdint>
 #include <stop_token>
 #include <string>
 #include <string_view>
 
-#include "baker/scene/import.h"
 #include "baker/scene/scene.h"
 #include "proto/expected.h"
 
@@ -19,12 +18,11 @@ namespace kiln::baker {
 /// It holds what import_files() gives, without the lights and the sky of the settings: one file
 /// serves all bakes of a scene with the same sky map. It does not hold the glTF document. lit.glb
 /// repeats that, and carrying the JSON along would have the service parse what it keeps the import
-/// away from: it is written by such a process too, from the upload itself (scene_source.h).
+/// away from: it is written by such a process too, from the upload itself (upload_reader.h).
 
-/// Names what an import gives: importer, limits, the content of all files, and which of them is the
-/// sky map. 64 hexadecimal digits.
-std::string import_key(const std::string& scene_key, const ImportLimits&,
-                       const std::optional<std::string>& sky_map = {});
+/// The version of the layout and of what an import makes of the same bytes. Raise it when either
+/// changes: every import key holds it.
+inline constexpr std::uint32_t kSceneFileVersion = 4;
 
 /// Writes from the descriptor's present place on. Same scene and key give the same bytes.
 /// Errors: `storage_full`, `io_error`.

@@ -6,12 +6,10 @@
 
 #include "baker/scene/flat_file.h"
 #include "baker/scene/scene.h"
+#include "baker/scene/scene_file.h"
 
 /// The layout of a scene file (scene_file.h), which its writer and its reader share.
 namespace kiln::baker::scene_records {
-
-/// To be raised when the layout changes, or what an import makes of the same bytes.
-inline constexpr std::uint32_t kVersion = 4;
 
 // Records: fixed sizes, no padding, no bool, no enumeration, nothing that some bits can't be.
 struct PartRecord {
@@ -79,7 +77,7 @@ inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
     sizeof(LightRecord),    sizeof(WarningRecord),  1};
 
 inline FlatHeader header_of(const std::string& key) {
-  return {FlatKind::kScene, kVersion, key};
+  return {FlatKind::kScene, kSceneFileVersion, key};
 }
 
 }  // namespace kiln::baker::scene_records

@@ -4,6 +4,7 @@
 #include <memory>
 #include <new>
 
+#include "baker/exec/stop.h"
 #include "baker/scene/errors.h"
 #include "baker/scene/image_decoder.h"
 

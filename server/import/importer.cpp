@@ -116,7 +116,7 @@ Expected<Confinement> run_in_turn(const Importer::Options& options, const Import
   }
 }
 
-class IsolatedSource final : public baker::SceneSource {
+class IsolatedSource final : public baker::UploadReader {
  public:
   IsolatedSource(const Importer::Options& options, baker::SceneFiles files,
                  const std::string& scene_key, fs::path cache, std::string owner)
@@ -281,7 +281,7 @@ Expected<void> Importer::check(const baker::SceneFiles& files, const proto::Bake
   return {};
 }
 
-std::shared_ptr<baker::SceneSource> Importer::open(baker::SceneFiles files,
+std::shared_ptr<baker::UploadReader> Importer::open(baker::SceneFiles files,
                                                    const std::string& scene_key, fs::path cache,
                                                    const std::string& job) const {
   return std::make_shared<IsolatedSource>(options_, std::move(files), scene_key, std::move(cache),

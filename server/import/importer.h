@@ -7,7 +7,7 @@
 #include <stop_token>
 #include <string>
 
-#include "baker/scene_source.h"
+#include "baker/upload_reader.h"
 #include "server/import/supervisor.h"
 #include "server/memory_budget.h"
 
@@ -49,7 +49,7 @@ class Importer {
   /// digest of its name. Not kept is a file that is out of proportion to the upload: an image of
   /// some kilobytes may decode to a gigabyte, and a disk is soon filled with those. `job`: whose
   /// reservation in Options::memory the processes draw on, see MemoryBudget::enter(); "": nobody's.
-  std::shared_ptr<baker::SceneSource> open(baker::SceneFiles, const std::string& scene_key,
+  std::shared_ptr<baker::UploadReader> open(baker::SceneFiles, const std::string& scene_key,
                                            std::filesystem::path cache,
                                            const std::string& job = {}) const;
 

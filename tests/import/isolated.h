@@ -86,7 +86,7 @@ inline fs::path script(const TempFolder& folder, const std::string& lines) {
 /// A small bake with the whole pipeline; the folder of its results, or the error.
 inline proto::Expected<proto::Manifest> bake_small(const baker::SceneFiles& files,
                                                    const TempFolder& out,
-                                                   std::shared_ptr<baker::SceneSource> source = {},
+                                                   std::shared_ptr<baker::UploadReader> source = {},
                                                    std::optional<std::string> sky_map = {}) {
   baker::BakeInput input;
   input.files = files;

@@ -2,7 +2,7 @@
 #include <limits>
 
 #include "baker/scene/generate.h"
-#include "baker/scene_source.h"
+#include "baker/upload_reader.h"
 #include "output/lit_scene.h"
 #include "proto/files.h"
 #include "proto/json.h"
@@ -46,8 +46,11 @@ struct Baked {
     const FilteredLight filtered{light.direct, light.sky, light.indirect,
                                  std::vector<float>(light.size(), 9.f),
                                  std::vector<float>(light.size(), 16.f)};
-    FilesInProcess source(files);
-    return write_outputs(out(), {source, scene, atlas, texels, light, filtered}, settings, manifest,
+    InProcessReader source(files);
+    const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
+      return source.write_lit(path, scene, atlas, pages, std::move(until));
+    };
+    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered}, settings, manifest,
                          pool, stop);
   }
 };

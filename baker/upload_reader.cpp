@@ -1,14 +1,12 @@
-#include "baker/scene_source.h"
-
-#include "baker/output/output.h"
+#include "baker/upload_reader.h"
 
 namespace kiln::baker {
 
-proto::Expected<Scene> FilesInProcess::import(std::stop_token stop) {
+proto::Expected<Scene> InProcessReader::import(std::stop_token stop) {
   return import_files(files_, limits_, std::move(stop));
 }
 
-proto::Expected<void> FilesInProcess::write_lit(const std::filesystem::path& path,
+proto::Expected<void> InProcessReader::write_lit(const std::filesystem::path& path,
                                                 const Scene& scene, const Atlas& atlas,
                                                 std::span<const LitPage> pages,
                                                 std::stop_token /*stop*/) {

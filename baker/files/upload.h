@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "baker/scene/mapped_file.h"
+#include "proto/expected.h"
+
+namespace kiln::baker {
+
+/// The files of one upload. `side` is keyed by the name that came with each file; a URI in the glTF
+/// matches the whole name, or else the last path component where exactly one file has it (curl
+/// sends no folders). Nothing outside these files is ever opened.
+struct SceneFiles {
+  std::filesystem::path main;
+  std::map<std::string, std::filesystem::path> side;
+  /// Name of the one that is the sky map (the setting sky.map). Nothing: none is.
+  std::optional<std::string> sky_map = std::nullopt;
+  /// Where it is given, the paths are looked up here, and nothing is opened.
+  std::shared_ptr<const OpenedFiles> opened = nullptr;
+};
+
+/// One of the files. Errors: as MappedFile::open.
+proto::Expected<MappedFile> map_file(const SceneFiles&, const std::filesystem::path&,
+                                     std::uint64_t max_bytes);
+
+/// Limits on what a file may ask for. Checked before memory is taken; an error names the limit as
+/// the member is called.
+struct ImportLimits {
+  std::uint64_t file_bytes = 1ull << 30;
+  std::uint64_t json_bytes = 256ull << 20;
+  std::uint32_t json_depth = 128;
+  std::uint32_t nodes = 1'000'000;
+  std::uint32_t node_depth = 256;
+  std::uint64_t vertices = 64'000'000;
+  std::uint64_t triangles = 32'000'000;
+  std::uint64_t image_pixels = 1ull << 28;      ///< of one image
+  std::uint64_t all_image_pixels = 1ull << 29;  ///< of all together
+  std::uint32_t lights = 100'000;
+};
+
+}  // namespace kiln::baker
