@@ -8,13 +8,14 @@
 #include <utility>
 
 #include "baker/atlas/atlas.h"
-#include "baker/memory_estimate.h"
+#include "baker/checkpoint/checkpoint.h"
+#include "baker/checkpoint/checkpoint_writer.h"
+#include "baker/methods.h"
 #include "baker/output/output.h"
-#include "baker/pace.h"
-#include "baker/solver/checkpoint.h"
-#include "baker/solver/checkpoint_writer.h"
-#include "baker/solver/direct.h"
-#include "baker/solver/simd/kernels.h"
+#include "baker/preflight.h"
+#include "baker/progress/eta.h"
+#include "baker/simd/kernels.h"
+#include "baker/solver/direct/direct.h"
 #include "baker/solver/solve.h"
 #include "baker/solver/work.h"
 #include "proto/json.h"
@@ -56,8 +57,9 @@ class Course {
     stage_.clear();
   }
   /// From any thread.
-  void batch(const Pass& pass, std::uint32_t done, std::uint32_t total, std::uint32_t max_passes,
-             double residual, double fraction, std::optional<double> eta_seconds) {
+  void batch(const solver::Pass& pass, std::uint32_t done, std::uint32_t total,
+             std::uint32_t max_passes, double residual, double fraction,
+             std::optional<double> eta_seconds) {
     const auto now = Clock::now().time_since_epoch().count();
     auto due = due_.load(std::memory_order_relaxed);
     if (done < total && now < due) return;
@@ -92,21 +94,22 @@ class Course {
   std::atomic<Clock::rep> due_{0};
 };
 
-void count_scene(const Scene& scene, proto::Statistics& s) {
+void count_scene(const scene::Scene& scene, proto::Statistics& s) {
   s.triangles = scene.triangles.size();
   s.instances = scene.instances.size();
   s.punctual_lights = scene.lights.size();
   for (std::uint32_t t = 0; t < s.triangles; ++t) s.emissive_triangles += is_emissive(scene, t);
 }
 
-void count_texels(const Atlas& atlas, const TextureGroup& texels, proto::Statistics& s) {
+void count_texels(const atlas::Atlas& atlas, const atlas::TextureGroup& texels,
+                  proto::Statistics& s) {
   s.texels = texels.size();
   s.charts = atlas.charts.size();
   s.texels_per_metre = atlas.texels_per_metre;
   s.albedo_capped_texels = texels.albedo_capped;
 }
 
-void count_light(const Solution& solution, proto::Statistics& s) {
+void count_light(const solver::Solution& solution, proto::Statistics& s) {
   s.passes = solution.passes;
   s.tail_scale = solution.tail_scale;
   s.ray_pattern = solution.ray_pattern;
@@ -157,9 +160,9 @@ class Checkpoints {
     options_.stop = std::move(stop);
   }
 
-  SolveStart find(Solver& solver, std::uint32_t texels) {
-    SolveStart start = read(solver, texels);
-    const CheckpointWriter::Listener listener{
+  solver::SolveStart find(solver::Solver& solver, std::uint32_t texels) {
+    solver::SolveStart start = read(solver, texels);
+    const checkpoint::CheckpointWriter::Listener listener{
         [this](const proto::PassReport& pass) { observer_.on_pass(pass); },
         [this](const proto::Error& error) {
           observer_.on_warning(
@@ -168,40 +171,41 @@ class Checkpoints {
     writer_.emplace(options_, listener, start.passes.size());
     return start;
   }
-  CheckpointWriter& writer() { return *writer_; }
+  checkpoint::CheckpointWriter& writer() { return *writer_; }
 
  private:
-  SolveStart read(Solver& solver, std::uint32_t texels) {
+  solver::SolveStart read(solver::Solver& solver, std::uint32_t texels) {
     if (options_.dir.empty()) return {};
-    auto found = read_checkpoint(options_.dir, options_.key, solver, texels, options_.stop);
+    auto found =
+        checkpoint::read_checkpoint(options_.dir, options_.key, solver, texels, options_.stop);
     if (options_.stop.stop_requested()) return {};  // the solve will say so
-    if (found) return found->value_or(SolveStart{});
+    if (found) return found->value_or(solver::SolveStart{});
     observer_.on_warning(
         {"checkpoint_ignored", "", found.error().message + " The bake starts at its first pass."});
-    remove_checkpoints(options_.dir);
+    checkpoint::remove_checkpoints(options_.dir);
     return {};
   }
 
-  CheckpointWriter::Options options_;
+  checkpoint::CheckpointWriter::Options options_;
   BakeObserver& observer_;
-  std::optional<CheckpointWriter> writer_;
+  std::optional<checkpoint::CheckpointWriter> writer_;
 };
 
 /// What ends with a solver: nobody reads its state any more.
 class StateReader {
  public:
-  explicit StateReader(CheckpointWriter& writer) : writer_(writer) {}
+  explicit StateReader(checkpoint::CheckpointWriter& writer) : writer_(writer) {}
   ~StateReader() { writer_.release_state(); }
   StateReader(const StateReader&) = delete;
   StateReader& operator=(const StateReader&) = delete;
 
  private:
-  CheckpointWriter& writer_;
+  checkpoint::CheckpointWriter& writer_;
 };
 
 /// Expected effort of passes that are done.
-Work work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
-  Work work;
+solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassReport> passes) {
+  solver::Work work;
   for (std::size_t i = 0; i < passes.size(); ++i) {
     const auto pass = solver.next(passes.first(i));
     work += pass->work + pass->finish_work;
@@ -212,9 +216,9 @@ Work work_of(const Solver& solver, std::span<const proto::PassReport> passes) {
 /// Tells of a solve while it runs, and keeps its passes.
 class SolveTeller {
  public:
-  SolveTeller(const BakeInput& input, Solver& solver, std::shared_ptr<const TextureGroup> texels,
-              const SolveStart& start, CheckpointWriter& writer, BakeObserver& observer,
-              Course& course)
+  SolveTeller(const BakeInput& input, solver::Solver& solver,
+              std::shared_ptr<const atlas::TextureGroup> texels, const solver::SolveStart& start,
+              checkpoint::CheckpointWriter& writer, BakeObserver& observer, Course& course)
       : input_(input),
         solver_(solver),
         texels_(std::move(texels)),
@@ -231,48 +235,51 @@ class SolveTeller {
   }
 
   /// Of use as long as this.
-  SolveHooks hooks() {
-    SolveHooks hooks;
+  solver::SolveHooks hooks() {
+    solver::SolveHooks hooks;
     hooks.enough = input_.enough;
     hooks.part_time = input_.part_time;
-    hooks.on_batch = [this](const Pass& pass, std::uint32_t done, std::uint32_t total) {
+    hooks.on_batch = [this](const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
       on_batch(pass, done, total);
     };
-    hooks.on_pass = [this](const Pass& pass, const proto::PassReport& report,
-                           std::shared_ptr<const Lightmap> light) -> Expected<void> {
+    hooks.on_pass = [this](
+                        const solver::Pass& pass, const proto::PassReport& report,
+                        std::shared_ptr<const lightmap::Lightmap> light) -> proto::Expected<void> {
       on_pass(pass, report, std::move(light));
       return {};
     };
-    hooks.before_pass = [this](const Pass& pass) { writer_.before(pass); };
-    hooks.on_part = [this](const Pass& pass, std::shared_ptr<const Lightmap> before,
-                           std::shared_ptr<const Lightmap> after, const PassProgress& progress) {
+    hooks.before_pass = [this](const solver::Pass& pass) { writer_.before(pass); };
+    hooks.on_part = [this](const solver::Pass& pass,
+                           std::shared_ptr<const lightmap::Lightmap> before,
+                           std::shared_ptr<const lightmap::Lightmap> after,
+                           const solver::PassProgress& progress) {
       writer_.offer_part(pass, std::move(before), std::move(after), progress, solver_.state());
     };
     hooks.before_finish = [this] { writer_.release_part(); };
-    hooks.restore = [this](const Pass& pass, const Lightmap& before, Lightmap& after) {
-      return restore(pass, before, after);
-    };
+    hooks.restore = [this](const solver::Pass& pass, const lightmap::Lightmap& before,
+                           lightmap::Lightmap& after) { return restore(pass, before, after); };
     return hooks;
   }
 
  private:
-  void on_batch(const Pass& pass, std::uint32_t done, std::uint32_t total) {
+  void on_batch(const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
     const double share = solver_.work_share(pass, double(done) / total);
-    const Pace::Ahead ahead =
-        pace_.ahead(pass, share, solver_.total_work() + Work::other(work::kOutput));
+    const progress::Pace::Ahead ahead =
+        pace_.ahead(pass, share, solver_.total_work() + solver::Work::other(solver::work::kOutput));
     course_.batch(pass, done, total, solver_.max_passes(), residual_,
                   kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done, ahead.seconds_left);
   }
-  void on_pass(const Pass& pass, const proto::PassReport& report,
-               std::shared_ptr<const Lightmap> light) {
+  void on_pass(const solver::Pass& pass, const proto::PassReport& report,
+               std::shared_ptr<const lightmap::Lightmap> light) {
     pace_.end_pass(pass);
     if (report.residual > 0) residual_ = report.residual;  // tracing alone changes no light
     passes_.push_back(report);
     observer_.on_snapshot({texels_, light, report.index});
     writer_.offer(pass, passes_, std::move(light), solver_.state());
   }
-  PassProgress restore(const Pass& pass, const Lightmap& before, Lightmap& after) {
-    const PassProgress done = writer_.restore(pass, before, after, solver_.state());
+  solver::PassProgress restore(const solver::Pass& pass, const lightmap::Lightmap& before,
+                               lightmap::Lightmap& after) {
+    const solver::PassProgress done = writer_.restore(pass, before, after, solver_.state());
     if (done.texels == 0) return done;
     const double share = double(done.texels) / texels_->size();
     pace_.resume_within(solver_.work_share(pass, share));
@@ -281,25 +288,27 @@ class SolveTeller {
   }
 
   const BakeInput& input_;
-  Solver& solver_;
-  const std::shared_ptr<const TextureGroup> texels_;
-  CheckpointWriter& writer_;
+  solver::Solver& solver_;
+  const std::shared_ptr<const atlas::TextureGroup> texels_;
+  checkpoint::CheckpointWriter& writer_;
   BakeObserver& observer_;
   Course& course_;
   std::vector<proto::PassReport> passes_;
   double residual_ = 1;
-  Pace pace_;
+  progress::Pace pace_;
 };
 
 /// The solve stage: passes with checkpoints and snapshots.
-Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, const Atlas& atlas,
-                                const std::shared_ptr<const TextureGroup>& texels,
-                                const LightSet& lights, ThreadPool& pool, std::stop_token stop,
-                                BakeObserver& observer, Course& course, Checkpoints& checkpoints) {
-  auto rays = RayScene::build(scene, stop);
+Expected<solver::Solution> solve_texels(const BakeInput& input, const scene::Scene& scene,
+                                        const atlas::Atlas& atlas,
+                                        const std::shared_ptr<const atlas::TextureGroup>& texels,
+                                        const light::LightSet& lights, exec::ThreadPool& pool,
+                                        std::stop_token stop, BakeObserver& observer,
+                                        Course& course, Checkpoints& checkpoints) {
+  auto rays = trace::RayScene::build(scene, stop);
   if (!rays) return Unexpected(rays.error());
-  const TexelLookup lookup(scene, atlas, *texels);
-  const SolverInput solver_input{
+  const trace::TexelLookup lookup(scene, atlas, *texels);
+  const solver::SolverInput solver_input{
       scene,
       atlas,
       *texels,
@@ -307,11 +316,12 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
       lights,
       lookup,
       input.settings.solver,
-      sample_plan(input.settings.solver, input.settings.quality, DirectLight::are_many(lights)),
+      solver::sample_plan(input.settings.solver, input.settings.quality,
+                          solver::direct::DirectLight::are_many(lights)),
       input.settings.post.filter};
   const auto solver = make_solver(solver_input);
-  SolveStart start = checkpoints.find(*solver, texels->size());
-  CheckpointWriter& writer = checkpoints.writer();
+  solver::SolveStart start = checkpoints.find(*solver, texels->size());
+  checkpoint::CheckpointWriter& writer = checkpoints.writer();
   const StateReader reader(writer);
   SolveTeller teller(input, *solver, texels, start, writer, observer, course);
   auto solution = solve(*solver, *texels, pool, stop, teller.hooks(), std::move(start));
@@ -321,7 +331,7 @@ Expected<Solution> solve_texels(const BakeInput& input, const Scene& scene, cons
 
 std::shared_ptr<UploadReader> source_of(const BakeInput& input) {
   if (input.source) return input.source;
-  SceneFiles files = input.files;
+  files::SceneFiles files = input.files;
   files.sky_map = input.settings.sky.map;
   return std::make_shared<InProcessReader>(std::move(files), input.limits);
 }
@@ -329,7 +339,7 @@ std::shared_ptr<UploadReader> source_of(const BakeInput& input) {
 }  // namespace
 
 const char* instruction_set() {
-  return kernels().name;
+  return simd::kernels().name;
 }
 
 std::string bake_key(const std::string& scene_key, const proto::BakeSettings& settings) {
@@ -337,8 +347,8 @@ std::string bake_key(const std::string& scene_key, const proto::BakeSettings& se
                            scene_key + "\n" + proto::to_text(proto::to_json(settings)));
 }
 
-Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::stop_token stop,
-                               BakeObserver& observer) {
+proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& pool,
+                                      std::stop_token stop, BakeObserver& observer) {
   proto::Manifest manifest;
   manifest.version = LIGHTKILN_VERSION;
   manifest.scene_sha256 = input.scene_sha256;
@@ -350,7 +360,8 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
   const auto source = source_of(input);
   auto scene = source->import(stop);
   if (!scene) return Unexpected(scene.error());
-  if (auto ok = apply_settings(*scene, input.settings, stop); !ok) return Unexpected(ok.error());
+  if (auto ok = import::apply_settings(*scene, input.settings, stop); !ok)
+    return Unexpected(ok.error());
   manifest.warnings = scene->warnings;
   for (const auto& w : scene->warnings) observer.on_warning(w);
   count_scene(*scene, manifest.statistics);
@@ -360,31 +371,32 @@ Expected<proto::Manifest> bake(const BakeInput& input, ThreadPool& pool, std::st
     if (auto ok = input.reserve_memory(memory, stop); !ok) return Unexpected(ok.error());
 
   course.enter("atlas", kImportedAt);
-  const auto atlas = build_atlas(*scene, input.settings.atlas, stop);
+  const auto atlas = atlas::build_atlas(*scene, input.settings.atlas, stop);
   if (!atlas) return Unexpected(atlas.error());
-  auto rasterised = rasterise(*scene, *atlas, stop, kMaxBandPieces, &pool);
+  auto rasterised = rasterise(*scene, *atlas, stop, atlas::kMaxBandPieces, &pool);
   if (!rasterised) return Unexpected(rasterised.error());
-  const auto texels = std::make_shared<const TextureGroup>(std::move(*rasterised));
+  const auto texels = std::make_shared<const atlas::TextureGroup>(std::move(*rasterised));
   count_texels(*atlas, *texels, manifest.statistics);
 
   course.enter("solve", kSolvingFrom);
   Checkpoints checkpoints(input, pool.size(), stop, observer);
-  const Workers workers{pool, stop};
-  const LightSet lights(*scene, &workers);
+  const exec::Workers workers{pool, stop};
+  const light::LightSet lights(*scene, &workers);
   if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
   const auto solution = solve_texels(input, *scene, *atlas, texels, lights, pool, stop, observer,
                                      course, checkpoints);
   if (!solution) return Unexpected(solution.error());
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();
-  const auto plan = sample_plan(input.settings.solver, input.settings.quality);
+  const auto plan = solver::sample_plan(input.settings.solver, input.settings.quality);
   warn_of_texels(manifest.statistics, double(plan.target_error), manifest.warnings);
 
   course.enter("output", kSolvedAt);
-  const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
+  const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
     return source->write_lit(path, *scene, *atlas, pages, std::move(until));
   };
-  const OutputInput output{write_lit, *scene, *atlas, *texels, *solution->light, solution->filtered};
+  const output::OutputInput output{write_lit, *scene,           *atlas,
+                                   *texels,   *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   if (!checkpoints.writer().flush())

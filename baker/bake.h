@@ -11,9 +11,9 @@
 
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/thread_pool.h"
-#include "baker/scene/import.h"
+#include "baker/import/import.h"
+#include "baker/lightmap/lightmap.h"
 #include "baker/upload_reader.h"
-#include "baker/solver/lightmap.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 #include "proto/job.h"
@@ -23,8 +23,8 @@ namespace kiln::baker {
 
 /// A bake after some pass: what a preview shows. Shared and immutable.
 struct Snapshot {
-  std::shared_ptr<const TextureGroup> texels;
-  std::shared_ptr<const Lightmap> light;
+  std::shared_ptr<const atlas::TextureGroup> texels;
+  std::shared_ptr<const lightmap::Lightmap> light;
   std::uint32_t pass = 0;
 };
 
@@ -49,9 +49,9 @@ class BakeObserver {
 };
 
 struct BakeInput {
-  SceneFiles files;
+  files::SceneFiles files;
   proto::BakeSettings settings;
-  ImportLimits limits;
+  files::ImportLimits limits;
   std::filesystem::path output_dir;  ///< exists; receives the result files
   /// Exists, or empty for no checkpoints. A bake goes on from those that it finds there, and
   /// leaves its own behind.
@@ -75,7 +75,7 @@ struct BakeInput {
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the
 /// same bytes of image whatever the pool's size. Errors: those of the stages, and `canceled` within
 /// a second of a stop request.
-proto::Expected<proto::Manifest> bake(const BakeInput&, ThreadPool&, std::stop_token,
+proto::Expected<proto::Manifest> bake(const BakeInput&, exec::ThreadPool&, std::stop_token,
                                       BakeObserver&);
 
 /// Names what a bake gives: scene, settings, version and instruction set. The same key means the

@@ -5,8 +5,8 @@
 #include <stop_token>
 
 #include "baker/atlas/atlas.h"
+#include "baker/import/import.h"
 #include "baker/output/output.h"
-#include "baker/scene/import.h"
 #include "proto/expected.h"
 
 namespace kiln::baker {
@@ -18,24 +18,26 @@ class UploadReader {
  public:
   virtual ~UploadReader() = default;
   /// As import_files().
-  virtual proto::Expected<Scene> import(std::stop_token) = 0;
+  virtual proto::Expected<scene::Scene> import(std::stop_token) = 0;
   /// As write_lit_glb(). The scene is the one that import() gave. Errors: also `canceled`.
-  virtual proto::Expected<void> write_lit(const std::filesystem::path&, const Scene&, const Atlas&,
-                                          std::span<const LitPage>, std::stop_token) = 0;
+  virtual proto::Expected<void> write_lit(const std::filesystem::path&, const scene::Scene&,
+                                          const atlas::Atlas&, std::span<const output::LitPage>,
+                                          std::stop_token) = 0;
 };
 
 /// In this process.
 class InProcessReader final : public UploadReader {
  public:
-  explicit InProcessReader(SceneFiles files, ImportLimits limits = {})
+  explicit InProcessReader(files::SceneFiles files, files::ImportLimits limits = {})
       : files_(std::move(files)), limits_(limits) {}
-  proto::Expected<Scene> import(std::stop_token) override;
-  proto::Expected<void> write_lit(const std::filesystem::path&, const Scene&, const Atlas&,
-                                  std::span<const LitPage>, std::stop_token) override;
+  proto::Expected<scene::Scene> import(std::stop_token) override;
+  proto::Expected<void> write_lit(const std::filesystem::path&, const scene::Scene&,
+                                  const atlas::Atlas&, std::span<const output::LitPage>,
+                                  std::stop_token) override;
 
  private:
-  SceneFiles files_;
-  ImportLimits limits_;
+  files::SceneFiles files_;
+  files::ImportLimits limits_;
 };
 
 }  // namespace kiln::baker

@@ -18,9 +18,9 @@
 #include "proto/files.h"
 #include "server/auth/gate.h"
 #include "server/auth/token_store.h"
+#include "server/base/machine.h"
+#include "server/data/data_folder.h"
 #include "server/http/listen.h"
-#include "server/machine.h"
-#include "server/storage/data_folder.h"
 
 namespace kiln::server {
 namespace {
@@ -49,8 +49,8 @@ Finding processor() {
   return f;
 }
 
-Finding memory(const ServerConfig& config) {
-  const std::uint64_t free = free_memory_bytes();
+Finding memory(const base::ServerConfig& config) {
+  const std::uint64_t free = base::free_memory_bytes();
   const std::uint64_t budget =
       config.memory_budget_bytes ? config.memory_budget_bytes : free / 5 * 4;
   Finding f{
@@ -125,7 +125,7 @@ Finding disk_free(const fs::path& data) {
   return f;
 }
 
-Finding descriptors(const ServerConfig& config) {
+Finding descriptors(const base::ServerConfig& config) {
   rlimit limit{};
   ::getrlimit(RLIMIT_NOFILE, &limit);
   Finding f{"descriptors", Health::kOk, std::to_string(limit.rlim_max) + " at most", ""};
@@ -140,7 +140,7 @@ Finding descriptors(const ServerConfig& config) {
 
 Finding port(const char* name, const std::string& address, std::uint16_t number) {
   Finding f{name, Health::kOk, address + ":" + std::to_string(number), ""};
-  if (listen_on(address, number).valid()) return f;
+  if (http::listen_on(address, number).valid()) return f;
   f.health = Health::kFail;
   f.value += " can't be listened on";
   f.advice =
@@ -149,12 +149,12 @@ Finding port(const char* name, const std::string& address, std::uint16_t number)
   return f;
 }
 
-Finding tokens(const ServerConfig& config) {
-  const fs::path path = DataFolder::tokens_of(config.data);
+Finding tokens(const base::ServerConfig& config) {
+  const fs::path path = data::DataFolder::tokens_of(config.data);
   std::error_code error;
-  const bool required = fs::exists(path, error) && TokenStore(path).required();
+  const bool required = fs::exists(path, error) && auth::TokenStore(path).required();
   Finding f{"tokens", Health::kOk, required ? "required" : "none: loopback only", ""};
-  if (required || is_loopback(config.listen)) return f;
+  if (required || auth::is_loopback(config.listen)) return f;
   f.health = Health::kFail;
   f.advice = "On " + config.listen +
              " the service starts with a token only: lightkiln token create --tenant NAME --data " +
@@ -195,7 +195,7 @@ Finding sqlite() {
 
 }  // namespace
 
-std::vector<Finding> examine(const ServerConfig& config) {
+std::vector<Finding> examine(const base::ServerConfig& config) {
   return {processor(),
           memory(config),
           data_fsync(config.data),

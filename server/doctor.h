@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "server/config.h"
+#include "server/base/config.h"
 
 namespace kiln::server {
 
@@ -21,7 +21,7 @@ struct Finding {
 /// Looks at the machine as a service with this configuration would meet it: processor, memory,
 /// disk, descriptors, ports, clock, SQLite. Writes one small file into the data folder, and removes
 /// it. The service may run meanwhile; its ports are then found in use.
-std::vector<Finding> examine(const ServerConfig&);
+std::vector<Finding> examine(const base::ServerConfig&);
 
 /// The worst of all.
 Health worst(const std::vector<Finding>&);

@@ -9,9 +9,9 @@
 #include <thread>
 
 #include "baker/bake.h"
-#include "server/import/setup.h"
-#include "server/log.h"
-#include "server/machine.h"
+#include "server/base/log.h"
+#include "server/base/machine.h"
+#include "server/sandbox/setup.h"
 #include "server/service.h"
 
 namespace kiln::server {
@@ -42,12 +42,12 @@ bool signal_within(milliseconds time) {
   }
 }
 
-void announce(const ServerConfig& config, Service& service) {
+void announce(const base::ServerConfig& config, Service& service) {
   const auto url = [&](const std::string& address, std::uint16_t port) {
     const bool v6 = address.find(':') != std::string::npos;
     return "http://" + (v6 ? "[" + address + "]" : address) + ":" + std::to_string(port);
   };
-  log_line(LogLevel::kInfo, "ready",
+  log_line(base::LogLevel::kInfo, "ready",
            {{"api", url(config.listen, service.port())},
             {"admin", url(config.admin_listen, service.admin_port())},
             {"tokens", service.needs_tokens() ? "required" : "none: loopback only"},
@@ -73,21 +73,21 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
 
 // The baker, with everything that decodes an upload in another process. What an import makes is
 // kept beside the upload, and goes with it.
-ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer,
-                            std::shared_ptr<MemoryBudget> memory) {
+ServiceParts isolated_parts(const std::shared_ptr<const sandbox::Importer>& importer,
+                            std::shared_ptr<base::MemoryBudget> memory) {
   ServiceParts parts;
   parts.watch_checks = [memory](std::function<void()> wake) {
     return memory->watch(std::move(wake));
   };
   parts.memory = std::move(memory);
-  parts.bake = [importer](JobInput input, baker::ThreadPool& pool, std::stop_token stop,
+  parts.bake = [importer](jobs::JobInput input, exec::ThreadPool& pool, std::stop_token stop,
                           baker::BakeObserver& observer) {
     input.files.sky_map = input.settings.sky.map;
     input.source =
         importer->open(input.files, input.scene_key, input.files.main.parent_path(), input.job);
     return baker::bake(input, pool, std::move(stop), observer);
   };
-  parts.check = [importer](const baker::SceneFiles& files, const proto::BakeSettings& settings) {
+  parts.check = [importer](const files::SceneFiles& files, const proto::BakeSettings& settings) {
     return importer->check(files, settings);
   };
   return parts;
@@ -95,20 +95,20 @@ ServiceParts isolated_parts(const std::shared_ptr<const Importer>& importer,
 
 }  // namespace
 
-int serve(const ServerConfig& given) {
-  ServerConfig config = given;
+int serve(const base::ServerConfig& given) {
+  base::ServerConfig config = given;
   const sigset_t set = stop_signals();
   ::pthread_sigmask(SIG_BLOCK, &set, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
   set_up_log(config.log_level, config.log_format);
 
-  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = usual_memory_budget();
-  const auto memory = std::make_shared<MemoryBudget>(
+  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = base::usual_memory_budget();
+  const auto memory = std::make_shared<base::MemoryBudget>(
       config.memory_budget_bytes,
-      MemoryBudget::Imports{.processes = config.max_import_processes,
-                            .most_bytes = config.import_memory_bytes,
-                            .impatient = std::max(config.http_threads / 4, 1u)});
-  const auto importer = make_importer(config, memory);
+      base::MemoryBudget::Imports{.processes = config.max_import_processes,
+                                  .most_bytes = config.import_memory_bytes,
+                                  .impatient = std::max(config.http_threads / 4, 1u)});
+  const auto importer = sandbox::make_importer(config, memory);
   if (!importer) {
     std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());
     return 1;
@@ -122,7 +122,7 @@ int serve(const ServerConfig& given) {
   while (!signal_within(milliseconds(3'600'000))) {
   }
 
-  log_line(LogLevel::kInfo, "draining", {{"seconds", config.drain_seconds}});
+  log_line(base::LogLevel::kInfo, "draining", {{"seconds", config.drain_seconds}});
   (*service)->begin_drain();
   const bool forced = wait_for_jobs(**service, config.drain_seconds);
   constexpr milliseconds kGrace{10'000}, kPatience{20'000};
@@ -131,7 +131,7 @@ int serve(const ServerConfig& given) {
   }).detach();
   (*service)->stop(forced ? milliseconds(0) : kGrace);
   service->reset();
-  log_line(LogLevel::kInfo, "stopped", {{"forced", forced}});
+  log_line(base::LogLevel::kInfo, "stopped", {{"forced", forced}});
   return forced ? 2 : 0;
 }
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "server/config.h"
+#include "server/base/config.h"
 
 namespace kiln::server {
 
@@ -8,6 +8,6 @@ namespace kiln::server {
 /// `drain_seconds` to finish, then go back to the queue for the next start; running requests are
 /// answered, event streams end. A second signal stops at once. Returns the process's exit code:
 /// 0 drained, 1 could not start (reason on stderr), 2 forced.
-int serve(const ServerConfig&);
+int serve(const base::ServerConfig&);
 
 }  // namespace kiln::server

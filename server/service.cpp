@@ -8,13 +8,13 @@
 #include <optional>
 #include <thread>
 
+#include "server/base/log.h"
+#include "server/base/machine.h"
+#include "server/base/metrics.h"
 #include "server/http/http_server.h"
 #include "server/http/hub.h"
-#include "server/import/setup.h"
 #include "server/jobs/janitor.h"
-#include "server/log.h"
-#include "server/machine.h"
-#include "server/metrics/metrics.h"
+#include "server/sandbox/setup.h"
 
 namespace kiln::server {
 namespace {
@@ -29,24 +29,25 @@ std::uint64_t raise_descriptor_limit() {
 
 // The limits of the configuration, where a test has none of its own. Half of the descriptors stay
 // for files, the store, and connections that are on their way out.
-EdgeLimits edge_limits(EdgeLimits limits, const ServerConfig& config) {
+http::EdgeLimits edge_limits(http::EdgeLimits limits, const base::ServerConfig& config) {
   if (limits.connections == 0) limits.connections = config.max_connections;
   if (limits.connections_per_peer == 0)
     limits.connections_per_peer = config.max_connections_per_address;
   const std::uint64_t descriptors = raise_descriptor_limit();
   if (limits.connections <= descriptors / 2) return limits;
-  log_line(LogLevel::kWarn, "descriptors",
+  log_line(base::LogLevel::kWarn, "descriptors",
            {{"limit", descriptors}, {"max_connections", descriptors / 2}});
   limits.connections = descriptors / 2;
   return limits;
 }
 
-unsigned bake_threads(const ServerConfig& config) {
+unsigned bake_threads(const base::ServerConfig& config) {
   return config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency());
 }
 
-JobLimits job_limits(const ServerConfig& config, std::shared_ptr<MemoryBudget> memory) {
-  JobLimits limits;
+jobs::JobLimits job_limits(const base::ServerConfig& config,
+                           std::shared_ptr<base::MemoryBudget> memory) {
+  jobs::JobLimits limits;
   limits.memory = std::move(memory);
   limits.running = config.max_running_jobs;
   limits.queued = config.max_queued_jobs;
@@ -64,7 +65,7 @@ JobLimits job_limits(const ServerConfig& config, std::shared_ptr<MemoryBudget> m
 }
 
 // What the configuration allows for an import, or what the machine has for it if that is less.
-std::uint64_t import_memory(const ServerConfig& config, const MemoryBudget* memory) {
+std::uint64_t import_memory(const base::ServerConfig& config, const base::MemoryBudget* memory) {
   const std::uint64_t most = memory ? memory->for_import() : 0;  // 0: no limit
   return most > 0 ? std::min(most, config.import_memory_bytes) : config.import_memory_bytes;
 }
@@ -72,7 +73,7 @@ std::uint64_t import_memory(const ServerConfig& config, const MemoryBudget* memo
 }  // namespace
 
 struct Service::Impl {
-  Impl(const ServerConfig& c, ServiceParts p, DataFolder folder)
+  Impl(const base::ServerConfig& c, ServiceParts p, data::DataFolder folder)
       : config(c),
         parts(std::move(p)),
         data(std::move(folder)),
@@ -85,52 +86,53 @@ struct Service::Impl {
         hub(std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
         webhooks(store,
-                 {Networks::parse(config.webhook_networks).value(), config.webhook_secrets,
-                  parts.webhook_limits, parts.webhook_delays},
+                 {webhooks::Networks::parse(config.webhook_networks).value(),
+                  config.webhook_secrets, parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
         feeds_hooked(hook_feeds()),
         jobs(data, store, scenes, pool, parts.bake, job_limits(config, parts.memory),
-             import_limits(config), &metrics),
+             sandbox::import_limits(config), &metrics),
         janitor(data, store, scenes, uploads, jobs,
-                Retention{std::chrono::seconds(config.leftover_ttl_seconds), config.max_data_bytes},
+                jobs::Retention{std::chrono::seconds(config.leftover_ttl_seconds),
+                                config.max_data_bytes},
                 parts.sweep_interval),
         api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
              parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
-        admin(admin_routes(
+        admin(api::admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
-    jobs.on_event([this](const EventRing* ring) { hub.notify(ring); });
+    jobs.on_event([this](const base::EventRing* ring) { hub.notify(ring); });
   }
 
-  ServerConfig config;
+  base::ServerConfig config;
   ServiceParts parts;
-  DataFolder data;
-  Metrics metrics;
-  JobStore store;
-  EventFeeds feeds;
-  TokenStore tokens;
-  Gate gate;
-  SceneStore scenes;
-  UploadStore uploads;
-  Hub hub;
-  baker::ThreadPool pool;
+  data::DataFolder data;
+  base::Metrics metrics;
+  store::JobStore store;
+  jobs::EventFeeds feeds;
+  auth::TokenStore tokens;
+  auth::Gate gate;
+  data::SceneStore scenes;
+  data::UploadStore uploads;
+  http::Hub hub;
+  exec::ThreadPool pool;
   // What is told of events stands before the first of them: jobs that an earlier process left run
   // as soon as there is a JobService.
-  Webhooks webhooks;
+  webhooks::Webhooks webhooks;
   const bool feeds_hooked;
-  JobService jobs;
-  Janitor janitor;
-  Api api;
-  Router admin;
+  jobs::JobService jobs;
+  jobs::Janitor janitor;
+  api::Api api;
+  http::Router admin;
   std::atomic<bool> draining{false};
-  std::unique_ptr<HttpServer> api_server, admin_server;
+  std::unique_ptr<http::HttpServer> api_server, admin_server;
 
   bool hook_feeds() {
-    feeds.on_event([this](const EventRing* ring) { hub.notify(ring); });
+    feeds.on_event([this](const base::EventRing* ring) { hub.notify(ring); });
     return true;
   }
 
   std::string metrics_text() {
-    const JobService::Counts jobs_now = jobs.counts();
+    const jobs::JobService::Counts jobs_now = jobs.counts();
     return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
                          api_server->waiting(), hub.dropped(), data.bytes(), data.free_share(),
                          api_server->connections(), config.memory_budget_bytes,
@@ -138,47 +140,47 @@ struct Service::Impl {
   }
 
   proto::Expected<void> listen() {
-    const EdgeLimits limits = edge_limits(parts.limits, config);
+    const http::EdgeLimits limits = edge_limits(parts.limits, config);
     const std::chrono::milliseconds slow(config.slow_request_ms);
-    const auto count = [this](const Request& request, int status,
+    const auto count = [this](const http::Request& request, int status,
                               std::chrono::duration<double> time) {
       metrics.request(request.head.method, request.route, status, time.count());
     };
-    auto main = HttpServer::start(
+    auto main = http::HttpServer::start(
         {"api", config.listen, config.port, config.http_threads, limits, count, slow},
-        [this](Request& request) { return api.handle(request); }, hub);
+        [this](http::Request& request) { return api.handle(request); }, hub);
     if (!main) return proto::Unexpected(main.error());
     api_server = std::move(*main);
     constexpr unsigned kAdminThreads = 2;
-    EdgeLimits few = limits;
+    http::EdgeLimits few = limits;
     few.connections = std::min<std::size_t>(limits.connections, 256);
-    auto second = HttpServer::start(
+    auto second = http::HttpServer::start(
         {"admin", config.admin_listen, config.admin_port, kAdminThreads, few, {}, slow},
-        [this](Request& request) { return admin.route(request); }, hub);
+        [this](http::Request& request) { return admin.route(request); }, hub);
     if (!second) return proto::Unexpected(second.error());
     admin_server = std::move(*second);
     return {};
   }
 };
 
-proto::Expected<std::unique_ptr<Service>> Service::start(const ServerConfig& given,
+proto::Expected<std::unique_ptr<Service>> Service::start(const base::ServerConfig& given,
                                                          ServiceParts parts) {
-  ServerConfig config = given;
-  if (auto networks = Networks::parse(config.webhook_networks); !networks)
+  base::ServerConfig config = given;
+  if (auto networks = webhooks::Networks::parse(config.webhook_networks); !networks)
     return proto::Unexpected(networks.error());
   if (!config.webhook_secrets.empty())
-    if (auto secrets = WebhookSecrets::read(config.webhook_secrets); !secrets)
+    if (auto secrets = webhooks::WebhookSecrets::read(config.webhook_secrets); !secrets)
       return proto::Unexpected(secrets.error());
-  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = usual_memory_budget();
-  auto data = DataFolder::open(config.data);
+  if (config.memory_budget_bytes == 0) config.memory_budget_bytes = base::usual_memory_budget();
+  auto data = data::DataFolder::open(config.data);
   if (!data) return proto::Unexpected(data.error());
   std::unique_ptr<Impl> impl;
   try {
     impl = std::make_unique<Impl>(config, std::move(parts), std::move(*data));
-  } catch (const DatabaseError& e) {
+  } catch (const store::DatabaseError& e) {
     return proto::fail(e.disk_full ? "storage_full" : "io_error", e.what());
   }
-  if (!impl->tokens.required() && !is_loopback(config.listen)) {
+  if (!impl->tokens.required() && !auth::is_loopback(config.listen)) {
     impl->jobs.stop();
     return proto::fail("cannot_listen",
                        "There are no tokens, so anyone who reaches " + config.listen +
@@ -205,11 +207,11 @@ std::uint16_t Service::port() const {
 std::uint16_t Service::admin_port() const {
   return impl_->admin_server->port();
 }
-JobService& Service::jobs() {
+jobs::JobService& Service::jobs() {
   return impl_->jobs;
 }
 
-TokenStore& Service::tokens() {
+auth::TokenStore& Service::tokens() {
   return impl_->tokens;
 }
 bool Service::needs_tokens() {

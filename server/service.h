@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "proto/expected.h"
+#include "server/api/api.h"
 #include "server/auth/token_store.h"
-#include "server/config.h"
-#include "server/http/api.h"
+#include "server/base/config.h"
 #include "server/http/connection.h"
 #include "server/jobs/job_service.h"
 #include "server/webhooks/webhooks.h"
@@ -16,27 +16,29 @@ namespace kiln::server {
 
 /// What a service runs on: the baker, or stand-ins for tests, and limits that only tests change.
 struct ServiceParts {
-  BakeFunction bake;
-  CheckFunction check;
-  EdgeLimits limits;
-  std::shared_ptr<MemoryBudget> memory = nullptr;    ///< null: one of the configuration, for bakes
+  jobs::BakeFunction bake;
+  api::CheckFunction check;
+  http::EdgeLimits limits;
+  std::shared_ptr<base::MemoryBudget> memory =
+      nullptr;                                       ///< null: one of the configuration, for bakes
   std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
-  WebhookDelays webhook_delays = kWebhookDelays;
-  WebhookLimits webhook_limits{};
-  WatchFunction watch_checks = nullptr;  ///< null: those that were refused ask again now and then
+  webhooks::WebhookDelays webhook_delays = webhooks::kWebhookDelays;
+  webhooks::WebhookLimits webhook_limits{};
+  api::WatchFunction watch_checks =
+      nullptr;  ///< null: those that were refused ask again now and then
 };
 
 /// The whole service in this process: store, queue, both ports. serve() is this plus signals.
 class Service {
  public:
   /// Errors: `data_folder_in_use`, `storage_full`, `io_error`, `cannot_listen`, `internal`.
-  static proto::Expected<std::unique_ptr<Service>> start(const ServerConfig&, ServiceParts);
+  static proto::Expected<std::unique_ptr<Service>> start(const base::ServerConfig&, ServiceParts);
   ~Service();
 
   std::uint16_t port() const;
   std::uint16_t admin_port() const;
-  JobService& jobs();
-  TokenStore& tokens();
+  jobs::JobService& jobs();
+  auth::TokenStore& tokens();
   bool needs_tokens();  ///< of its clients
 
   /// Takes no more jobs and tells every event stream; answers other requests as before.

@@ -11,23 +11,20 @@
 #include "baker/atlas/unwrap.h"
 #include "baker/exec/stop.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
-
-using namespace atlas_detail;
-
 proto::Unexpected stopped() {
   return proto::fail(proto::kCanceledCode, "stopped while unwrapping");
 }
 
 /// The error for `unwrap: existing`.
-proto::Unexpected refuse(const Scene& scene, std::span<const SourceUv> source) {
+proto::Unexpected refuse(const scene::Scene& scene, std::span<const SourceUv> source) {
   constexpr std::size_t kMaxDetails = 32;
   proto::Error error{"invalid_lightmap_uv",
                      "atlas.unwrap is \"existing\", but TEXCOORD_1 cannot hold a lightmap",
                      {}};
   for (std::size_t i = 0; i < source.size() && error.details.size() < kMaxDetails; ++i) {
-    const Instance& instance = scene.instances[i];
+    const scene::Instance& instance = scene.instances[i];
     if (source[i].valid || instance.part_count == 0) continue;
     const std::string pointer = "/meshes/" + std::to_string(instance.mesh) + "/primitives/" +
                                 std::to_string(scene.parts[source[i].part].primitive) +
@@ -40,7 +37,7 @@ proto::Unexpected refuse(const Scene& scene, std::span<const SourceUv> source) {
 }
 
 /// Side of a texel at the settings' density, or if the surface filled a page to the brim, m.
-double least_texel(const Scene& scene, const proto::AtlasSettings& settings) {
+double least_texel(const scene::Scene& scene, const proto::AtlasSettings& settings) {
   if (settings.texels_per_metre) return 1 / double(*settings.texels_per_metre);
   double area = 0;
   for (std::uint32_t t = 0; t < scene.triangles.size(); ++t) {
@@ -51,7 +48,8 @@ double least_texel(const Scene& scene, const proto::AtlasSettings& settings) {
 
 class AtlasBuilder {
  public:
-  AtlasBuilder(const Scene& scene, const proto::AtlasSettings& settings, std::stop_token stop)
+  AtlasBuilder(const scene::Scene& scene, const proto::AtlasSettings& settings,
+               std::stop_token stop)
       : scene_(scene),
         settings_(settings),
         stop_(std::move(stop)),
@@ -87,7 +85,7 @@ class AtlasBuilder {
 
   /// Fills source_ and kept_. False when stopped.
   bool check_source() {
-    for (const Instance& instance : scene_.instances) drawn_ += instance.part_count > 0;
+    for (const scene::Instance& instance : scene_.instances) drawn_ += instance.part_count > 0;
     if (settings_.unwrap == proto::Unwrap::kAlways) {
       for (auto& p : atlas_.placements) p.reason = "atlas.unwrap is \"always\"";
       return true;
@@ -135,7 +133,7 @@ class AtlasBuilder {
   }
 
   void open_source_block(std::uint32_t i) {
-    Vec2 min{1, 1}, max{0, 0};
+    math::Vec2 min{1, 1}, max{0, 0};
     double uv_area = 0, world_area = 0;
     const auto join = [&](const SourceUv& s) {
       min = {std::min(min.x, s.min.x), std::min(min.y, s.min.y)};
@@ -189,7 +187,7 @@ class AtlasBuilder {
       return a.key() != b.key() ? a.key() < b.key()
                                 : std::tie(a.triangle, a.corner) < std::tie(b.triangle, b.corner);
     };
-    if (!sort_unless_stopped(corners_, before, stop_)) return false;
+    if (!exec::sort_unless_stopped(corners_, before, stop_)) return false;
     atlas_.part_first_vertex.assign(scene_.parts.size() + 1, 0);
     for (std::size_t i = 0; i < corners_.size(); ++i) {
       const ChartVertex& c = corners_[i];
@@ -229,7 +227,7 @@ class AtlasBuilder {
     const float side = float(settings_.page_size);
     atlas_.page_count = 1;
     for (AtlasVertex& v : atlas_.vertices) {
-      const Vec2 uv = scene_.lightmap_uv[v.scene_vertex];
+      const math::Vec2 uv = scene_.lightmap_uv[v.scene_vertex];
       v.uv = {std::clamp(uv.x, 0.f, 1.f) * side, std::clamp(uv.y, 0.f, 1.f) * side};
     }
   }
@@ -240,7 +238,7 @@ class AtlasBuilder {
     const Place& place = layout.places[block];
     Point p;
     if (keeps(atlas_.charts[chart].instance)) {
-      const Vec2 uv = scene_.lightmap_uv[v.scene_vertex];
+      const math::Vec2 uv = scene_.lightmap_uv[v.scene_vertex];
       p = {double(uv.x) - block_origin_[block].x, double(uv.y) - block_origin_[block].y};
     } else {
       p = frames_[chart].project(scene_.positions[v.scene_vertex]);
@@ -278,7 +276,7 @@ class AtlasBuilder {
     for (std::uint32_t t = 0; t < atlas_.triangles.size(); ++t) {
       Chart& chart = atlas_.charts[atlas_.triangle_chart[t]];
       for (const std::uint32_t v : atlas_.triangles[t]) {
-        const Vec2 uv = atlas_.vertices[v].uv;
+        const math::Vec2 uv = atlas_.vertices[v].uv;
         chart.min = {std::min(chart.min.x, uv.x), std::min(chart.min.y, uv.y)};
         chart.max = {std::max(chart.max.x, uv.x), std::max(chart.max.y, uv.y)};
       }
@@ -286,7 +284,7 @@ class AtlasBuilder {
       density.emplace_back(std::sqrt(UvTriangle(atlas_, t).area() / area), area);
       total += area;
     }
-    if (!sort_unless_stopped(density, std::less<>(), stop_)) return false;
+    if (!exec::sort_unless_stopped(density, std::less<>(), stop_)) return false;
     double below = 0;
     for (const auto& [value, area] : density) {
       below += area;
@@ -299,7 +297,7 @@ class AtlasBuilder {
 
   static constexpr std::uint32_t kNoBlock = 0xffffffffu;
 
-  const Scene& scene_;
+  const scene::Scene& scene_;
   const proto::AtlasSettings& settings_;
   std::stop_token stop_;
   Atlas atlas_;
@@ -324,8 +322,8 @@ bool is_full(const proto::Expected<Atlas>& atlas) {
 
 /// The least page size from `first` on, by doubling, that is large enough; 0: none of the few that
 /// are tried. Charts are cut by the size of a texel: only making them tells.
-std::uint32_t find_page_size(const Scene& scene, proto::AtlasSettings settings, std::uint32_t first,
-                             const std::stop_token& stop) {
+std::uint32_t find_page_size(const scene::Scene& scene, proto::AtlasSettings settings,
+                             std::uint32_t first, const std::stop_token& stop) {
   constexpr std::uint32_t kMost = proto::AtlasSettings::kMostPageSize, kTrials = 3;
   std::uint32_t size = first;
   for (std::uint32_t i = 0; i < kTrials && size > 0 && size <= kMost; ++i, size *= 2) {
@@ -337,7 +335,7 @@ std::uint32_t find_page_size(const Scene& scene, proto::AtlasSettings settings, 
 
 /// What to change, for the end of the message: "; atlas.page_size 512 or atlas.max_pages 12 would
 /// do".
-std::string advice(const Scene& scene, proto::AtlasSettings settings, Remedy remedy,
+std::string advice(const scene::Scene& scene, proto::AtlasSettings settings, Remedy remedy,
                    const std::stop_token& stop) {
   remedy.page_size = find_page_size(scene, settings, remedy.page_size, stop);
   std::string text;
@@ -357,7 +355,7 @@ std::string advice(const Scene& scene, proto::AtlasSettings settings, Remedy rem
 
 }  // namespace
 
-proto::Expected<Atlas> build_atlas(const Scene& scene, const proto::AtlasSettings& settings,
+proto::Expected<Atlas> build_atlas(const scene::Scene& scene, const proto::AtlasSettings& settings,
                                    std::stop_token stop) {
   Remedy remedy;
   auto atlas = [&] {
@@ -374,4 +372,4 @@ proto::Expected<Atlas> build_atlas(const Scene& scene, const proto::AtlasSetting
   return proto::Unexpected(std::move(error));
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

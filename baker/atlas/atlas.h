@@ -11,28 +11,28 @@
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 
 /// A vertex of the atlas: a vertex of the scene at one place on its page. A scene vertex on a seam
 /// between charts appears once per chart.
 struct AtlasVertex {
   std::uint32_t scene_vertex = 0;
-  Vec2 uv;  ///< texels on the page, (0,0) = outer corner of the top left texel
+  math::Vec2 uv;  ///< texels on the page, (0,0) = outer corner of the top left texel
 };
 
 /// A connected piece of surface laid flat, bounded by seams.
 struct Chart {
   std::uint32_t instance = 0;
   std::uint32_t page = 0;
-  Vec2 min, max;  ///< bounds in texels
+  math::Vec2 min, max;  ///< bounds in texels
 };
 
 /// Where each instance lies, for the manifest.
 struct InstancePlacement {
   std::uint32_t page = 0;
   bool uses_source_uv = false;
-  Vec2 scale{1, 1}, offset{0, 0};  ///< page uv (0..1) = source TEXCOORD_1 * scale + offset
-  std::string reason;              ///< why TEXCOORD_1 was not used
+  math::Vec2 scale{1, 1}, offset{0, 0};  ///< page uv (0..1) = source TEXCOORD_1 * scale + offset
+  std::string reason;                    ///< why TEXCOORD_1 was not used
 };
 
 /// The map from surface to pages. Immutable once built.
@@ -51,7 +51,7 @@ struct Atlas {
     return charts[triangle_chart[triangle]].page;
   }
   /// Page coordinates, in texels, of a point on a triangle.
-  Vec2 uv_at(std::uint32_t triangle, Bary t) const {
+  math::Vec2 uv_at(std::uint32_t triangle, scene::Bary t) const {
     const auto& v = triangles[triangle];
     return vertices[v[0]].uv * (1 - t.u - t.v) + vertices[v[1]].uv * t.u + vertices[v[2]].uv * t.v;
   }
@@ -64,6 +64,7 @@ struct Atlas {
 /// group keeps its shape and is scaled as one; otherwise each valid instance gets a rectangle of
 /// its own. Errors: `invalid_lightmap_uv` (unwrap = existing), `canceled`, and `atlas_full`, which
 /// says what would be large enough: that was tried, and may take as long again, up to six times.
-proto::Expected<Atlas> build_atlas(const Scene&, const proto::AtlasSettings&, std::stop_token = {});
+proto::Expected<Atlas> build_atlas(const scene::Scene&, const proto::AtlasSettings&,
+                                   std::stop_token = {});
 
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

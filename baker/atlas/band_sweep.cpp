@@ -1,6 +1,6 @@
 #include "baker/atlas/band_sweep.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 std::uint32_t band_of(double y, std::uint32_t bands) {
@@ -86,4 +86,4 @@ void BandSweep::sort_by_texel() {
   for (const Fragment& f : fragments_) sorted_[offsets_[f.key]++] = f;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -7,7 +7,7 @@
 #include "baker/atlas/clip.h"
 #include "baker/exec/stop.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 inline constexpr std::uint32_t kBlock = 8;  ///< rows of a band, and side of a texel block
 
@@ -42,7 +42,7 @@ class BandSweep {
   void sort_by_texel();
 
   const Atlas& atlas_;
-  StopPoll stopped_;
+  exec::StopPoll stopped_;
   std::size_t max_fragments_ = 0;
   std::uint32_t bands_ = 0;  ///< per page
   std::uint32_t page_ = 0, band_ = 0, step_ = 0;
@@ -54,4 +54,4 @@ class BandSweep {
   std::vector<std::uint32_t> offsets_;
 };
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

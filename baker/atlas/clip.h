@@ -6,7 +6,7 @@
 
 #include "baker/atlas/atlas.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// A point on a page, in texels. Double: a texel square is often 1e-4 of the page, and the pieces
 /// of a triangle must sum to the whole.
@@ -80,7 +80,7 @@ struct UvTriangle {
 
   UvTriangle(const Atlas& atlas, std::uint32_t triangle) {
     for (int i = 0; i < 3; ++i) {
-      const Vec2 uv = atlas.vertices[atlas.triangles[triangle][i]].uv;
+      const math::Vec2 uv = atlas.vertices[atlas.triangles[triangle][i]].uv;
       p[i] = {uv.x, uv.y};
     }
     det = cross(p[0], p[1], p[2]);
@@ -162,4 +162,4 @@ void for_texels(const Polygon& polygon, int y0, int y1, int width, Emit&& emit) 
   }
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

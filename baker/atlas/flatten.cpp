@@ -4,14 +4,14 @@
 
 #include "baker/exec/stop.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 /// Convex hull, counter-clockwise, first point not repeated [Andrew 1979]. Empty when stopped.
 std::vector<Point> convex_hull(std::vector<Point> p, const std::stop_token& stop) {
   const auto before = [](Point a, Point b) { return a.x != b.x ? a.x < b.x : a.y < b.y; };
   const auto same = [](Point a, Point b) { return a.x == b.x && a.y == b.y; };
-  if (!sort_unless_stopped(p, before, stop)) return {};
+  if (!exec::sort_unless_stopped(p, before, stop)) return {};
   p.erase(std::unique(p.begin(), p.end(), same), p.end());
   if (p.size() < 3) return p;
   std::vector<Point> hull;
@@ -60,7 +60,7 @@ Box smallest_box(std::span<const Point> hull) {
 
 }  // namespace
 
-Vec3d normal_of(Vec3 a, Vec3 b, Vec3 c) {
+Vec3d normal_of(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
   const Vec3d ab{double(b.x) - double(a.x), double(b.y) - double(a.y), double(b.z) - double(a.z)};
   const Vec3d ac{double(c.x) - double(a.x), double(c.y) - double(a.y), double(c.z) - double(a.z)};
   return cross(ab, ac);
@@ -73,7 +73,7 @@ Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> n
   return unit(sum);
 }
 
-ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis,
+ChartFrame smallest_frame(std::span<const math::Vec3> points, const Vec3d& axis,
                           const std::stop_token& stop) {
   // The world axis that is least along the normal gives the first direction.
   const double ax = std::abs(axis.x), ay = std::abs(axis.y), az = std::abs(axis.z);
@@ -86,7 +86,7 @@ ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis,
   frame.v = cross(axis, frame.u);
   std::vector<Point> flat;
   flat.reserve(points.size());
-  for (const Vec3 p : points) flat.push_back(frame.project(p));
+  for (const math::Vec3 p : points) flat.push_back(frame.project(p));
   const auto hull = convex_hull(std::move(flat), stop);
   if (hull.empty()) return frame;
   Box box = smallest_box(hull);
@@ -100,4 +100,4 @@ ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis,
   return frame;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -5,7 +5,7 @@
 
 #include "baker/atlas/unwrap.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 inline double dot(const Vec3d& a, const Vec3d& b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
@@ -26,7 +26,7 @@ inline Vec3d cross(const Vec3d& a, const Vec3d& b) {
 }
 
 /// Normal of a triangle, as long as twice its area.
-Vec3d normal_of(Vec3 a, Vec3 b, Vec3 c);
+Vec3d normal_of(math::Vec3 a, math::Vec3 b, math::Vec3 c);
 /// Area-weighted, unit.
 Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> normal,
                   std::span<const double> area);
@@ -34,6 +34,7 @@ Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> n
 /// The frame across `axis` whose bounding rectangle of the points is least in area, width >=
 /// height. Looks at the convex hull's edges, at most 64 of them.
 /// When stopped, any frame.
-ChartFrame smallest_frame(std::span<const Vec3> points, const Vec3d& axis, const std::stop_token&);
+ChartFrame smallest_frame(std::span<const math::Vec3> points, const Vec3d& axis,
+                          const std::stop_token&);
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

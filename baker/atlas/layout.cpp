@@ -10,7 +10,7 @@
 
 #include "baker/atlas/pack.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 struct Group {
@@ -233,4 +233,4 @@ Remedy find_remedy(std::span<const Block> blocks, const proto::AtlasSettings& se
   return remedy;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

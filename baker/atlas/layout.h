@@ -8,7 +8,7 @@
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// A rectangle that wants a place on a page: an unwrapped chart, or all of a source layout.
 struct Block {
@@ -44,4 +44,4 @@ struct Remedy {
 /// For blocks that were refused as `atlas_full`. Blocks that another page size gave may differ.
 Remedy find_remedy(std::span<const Block>, const proto::AtlasSettings&, std::stop_token);
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -1,6 +1,6 @@
 #include "baker/atlas/overlap_grid.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 /// Samples lie off the cells' middle, where edges of grid-aligned layouts often run.
@@ -85,4 +85,4 @@ void OverlapGrid::add(const Triangle& triangle) {
   });
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -6,7 +6,7 @@
 
 #include "baker/atlas/clip.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// Finds triangles of a plane layout that lie on each other, by one sample per grid cell: bounded
 /// time and memory whatever the triangles are. A single overlap is `deep` when both triangles hold
@@ -42,4 +42,4 @@ class OverlapGrid {
   std::vector<Triangle> triangles_;
 };
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -28,7 +28,7 @@ void stable_sort_rects(T* first, int count, std::size_t /*size*/, Compare compar
 #include <stb/stb_rect_pack.h>
 #pragma GCC diagnostic pop
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 constexpr std::size_t kPortion = 1024;  // rectangles between two looks at the stop token
 
@@ -44,7 +44,7 @@ bool pack_square(std::span<PackRect> rects, std::uint32_t size, const std::stop_
   const auto before = [](const stbrp_rect& a, const stbrp_rect& b) {
     return rect_height_compare(&a, &b) < 0;
   };
-  if (!sort_unless_stopped(work, before, stop)) return false;
+  if (!exec::sort_unless_stopped(work, before, stop)) return false;
   stbrp_context context;
   std::vector<stbrp_node> nodes(size);
   stbrp_init_target(&context, int(size), int(size), nodes.data(), int(nodes.size()));
@@ -61,4 +61,4 @@ bool pack_square(std::span<PackRect> rects, std::uint32_t size, const std::stop_
   return true;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

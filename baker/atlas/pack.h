@@ -4,7 +4,7 @@
 #include <span>
 #include <stop_token>
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 struct PackRect {
   std::uint32_t width = 0, height = 0;
@@ -16,4 +16,4 @@ struct PackRect {
 /// input, equal result.
 bool pack_square(std::span<PackRect>, std::uint32_t size, const std::stop_token&);
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

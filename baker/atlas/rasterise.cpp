@@ -10,11 +10,8 @@
 #include "baker/exec/stop.h"
 #include "baker/exec/thread_pool.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
-
-using namespace atlas_detail;
-
 constexpr std::uint32_t kPoints = TextureGroup::kPointsPerTexel;
 constexpr std::uint32_t kTexelsPerBatch = 1024;
 /// Pieces that wait to be filled in: enough for many batches, at 16 bytes each.
@@ -53,7 +50,7 @@ proto::Unexpected stopped() {
 /// One filler for each batch that runs, used again by later ones.
 class FillerShelf {
  public:
-  FillerShelf(const Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
+  FillerShelf(const scene::Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
 
   std::unique_ptr<TexelFiller> take() {
     const std::lock_guard lock(mutex_);
@@ -68,7 +65,7 @@ class FillerShelf {
   }
 
  private:
-  const Scene& scene_;
+  const scene::Scene& scene_;
   const Atlas& atlas_;
   std::mutex mutex_;
   std::vector<std::unique_ptr<TexelFiller>> idle_;  // by mutex_
@@ -78,7 +75,8 @@ class FillerShelf {
 /// the pieces say about a texel is then worked out for many texels at a time.
 class Rasteriser {
  public:
-  Rasteriser(const Scene& scene, const Atlas& atlas, std::stop_token stop, ThreadPool* pool)
+  Rasteriser(const scene::Scene& scene, const Atlas& atlas, std::stop_token stop,
+             exec::ThreadPool* pool)
       : scene_(scene),
         atlas_(atlas),
         stop_(std::move(stop)),
@@ -124,7 +122,7 @@ class Rasteriser {
     const double page = double(atlas_.page_size) * double(atlas_.page_size);
     double most = 0;
     bool two_sided = false;
-    StopPoll poll(stop_);
+    exec::StopPoll poll(stop_);
     for (std::uint32_t t = 0; t < atlas_.triangles.size(); ++t) {
       if (poll()) return;
       const UvTriangle uv(atlas_, t);
@@ -145,7 +143,7 @@ class Rasteriser {
 
   void add_band(const BandSweep& sweep) {
     const auto& all = sweep.fragments();
-    StopPoll poll(stop_);
+    exec::StopPoll poll(stop_);
     for (std::size_t begin = 0, end = 0; begin < all.size() && !poll(); begin = end) {
       const std::uint32_t key = all[begin].key;
       while (end < all.size() && all[end].key == key) ++end;
@@ -253,7 +251,7 @@ class Rasteriser {
 
   void adopt_orphans() {
     const int size = int(atlas_.page_size);
-    StopPoll poll(stop_);
+    exec::StopPoll poll(stop_);
     for (const Orphan& o : orphans_) {
       if (poll()) return;
       const auto& texel_at = group_.pages[o.page].texel_at;
@@ -271,7 +269,7 @@ class Rasteriser {
   }
 
   void add_backs() {
-    StopPoll poll(stop_);
+    exec::StopPoll poll(stop_);
     for (std::uint32_t t = 0; t < group_.front_count; ++t) {
       if (poll()) return;
       if (!scene_.material_of(group_.triangle[t]).double_sided) continue;
@@ -294,10 +292,10 @@ class Rasteriser {
     std::uint32_t chart = 0, triangle = 0;
     double area = 0;
   };
-  const Scene& scene_;
+  const scene::Scene& scene_;
   const Atlas& atlas_;
   std::stop_token stop_;
-  ThreadPool* pool_;
+  exec::ThreadPool* pool_;
   FillerShelf fillers_;
   SetupCache setups_;
   TextureGroup group_;
@@ -309,10 +307,10 @@ class Rasteriser {
 
 }  // namespace
 
-proto::Expected<TextureGroup> rasterise(const Scene& scene, const Atlas& atlas,
+proto::Expected<TextureGroup> rasterise(const scene::Scene& scene, const Atlas& atlas,
                                         std::stop_token stop, std::size_t max_pieces,
-                                        ThreadPool* pool) {
+                                        exec::ThreadPool* pool) {
   return Rasteriser(scene, atlas, std::move(stop), pool).run(max_pieces);
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

@@ -3,7 +3,7 @@
 #include <array>
 #include <cmath>
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 constexpr int kPoints = int(TextureGroup::kPointsPerTexel);
@@ -147,4 +147,4 @@ void place_points(SetupCache& setups, std::uint32_t page, std::uint32_t x, std::
   }
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

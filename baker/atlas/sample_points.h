@@ -7,7 +7,7 @@
 #include "baker/atlas/texture_group.h"
 #include "baker/atlas/triangle_setup.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// What one triangle covers of one texel.
 struct Piece {
@@ -26,4 +26,4 @@ void place_points(SetupCache&, std::uint32_t page, std::uint32_t x, std::uint32_
 /// Rounds to the storage grid without leaving the triangle.
 SamplePoint make_point(std::uint32_t triangle, Point bary);
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -6,7 +6,7 @@
 #include "baker/atlas/overlap_grid.h"
 #include "baker/atlas/weld.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 constexpr float kOutside = 1e-4f;  ///< exporters' rounding beyond [0, 1]; clamped
@@ -18,17 +18,18 @@ constexpr double kTolerated = 1e-3;
 constexpr double kShallow = 0.01;
 constexpr std::uint64_t kCellBudget = std::uint64_t(1) << 26;  ///< of all layouts together
 
-double uv_area(const Scene& scene, std::uint32_t triangle) {
+double uv_area(const scene::Scene& scene, std::uint32_t triangle) {
   const auto& v = scene.triangles[triangle];
-  const Vec2 a = scene.lightmap_uv[v[0]], b = scene.lightmap_uv[v[1]], c = scene.lightmap_uv[v[2]];
+  const math::Vec2 a = scene.lightmap_uv[v[0]], b = scene.lightmap_uv[v[1]],
+                   c = scene.lightmap_uv[v[2]];
   return cross(Point{a.x, a.y}, Point{b.x, b.y}, Point{c.x, c.y}) / 2;  // signed
 }
 
 /// Calls visit(triangle) for the triangles of an instance until it returns false.
 template <class Visit>
-bool all_triangles(const Scene& scene, const Instance& instance, Visit&& visit) {
+bool all_triangles(const scene::Scene& scene, const scene::Instance& instance, Visit&& visit) {
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
-    const Part& part = scene.parts[instance.first_part + k];
+    const scene::Part& part = scene.parts[instance.first_part + k];
     for (std::uint32_t i = 0; i < part.triangle_count; ++i) {
       if (!visit(part.first_triangle + i)) return false;
     }
@@ -50,19 +51,19 @@ SourceUv invalid(std::uint32_t part, std::string reason) {
 }
 
 /// Presence and range; fills the bounds.
-SourceUv check_range(const Scene& scene, const Instance& instance) {
+SourceUv check_range(const scene::Scene& scene, const scene::Instance& instance) {
   if (instance.part_count == 0) return {};
   SourceUv result;
   result.min = {1, 1}, result.max = {0, 0};
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
     const std::uint32_t p = instance.first_part + k;
-    const Part& part = scene.parts[p];
+    const scene::Part& part = scene.parts[p];
     if (!part.has_lightmap_uv) {
       return invalid(p, "primitive " + std::to_string(part.primitive) + " has no TEXCOORD_1");
     }
     for (std::uint32_t i = 0; i < part.triangle_count; ++i) {
       for (const std::uint32_t v : scene.triangles[part.first_triangle + i]) {
-        const Vec2 uv = scene.lightmap_uv[v];
+        const math::Vec2 uv = scene.lightmap_uv[v];
         if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) {
           return invalid(p, "TEXCOORD_1 holds a value that is not finite");
         }
@@ -84,7 +85,7 @@ SourceUv check_range(const Scene& scene, const Instance& instance) {
 }
 
 /// Faces that TEXCOORD_1 squeezes to nothing. Fills the areas.
-void check_area(const Scene& scene, const Instance& instance, SourceUv& result) {
+void check_area(const scene::Scene& scene, const scene::Instance& instance, SourceUv& result) {
   double uv_sum = 0, world_sum = 0, lost = 0;
   std::uint32_t lost_part = instance.first_part;
   all_triangles(scene, instance, [&](std::uint32_t t) {
@@ -109,8 +110,8 @@ void check_area(const Scene& scene, const Instance& instance, SourceUv& result) 
 }
 
 /// Connected pieces of mixed winding.
-void check_folds(const Scene& scene, const Instance& instance, const std::stop_token& stop,
-                 SourceUv& result) {
+void check_folds(const scene::Scene& scene, const scene::Instance& instance,
+                 const std::stop_token& stop, SourceUv& result) {
   const Surface surface = weld(scene, instance, WeldBy::kPositionAndUv, stop);
   if (stop.stop_requested()) return;
   std::uint32_t count = 0;
@@ -135,10 +136,11 @@ void check_folds(const Scene& scene, const Instance& instance, const std::stop_t
   }
 }
 
-OverlapGrid::Triangle on_grid(const Scene& scene, std::uint32_t triangle, std::uint32_t size) {
+OverlapGrid::Triangle on_grid(const scene::Scene& scene, std::uint32_t triangle,
+                              std::uint32_t size) {
   OverlapGrid::Triangle t;
   for (std::size_t i = 0; i < 3; ++i) {
-    const Vec2 uv = scene.lightmap_uv[scene.triangles[triangle][i]];
+    const math::Vec2 uv = scene.lightmap_uv[scene.triangles[triangle][i]];
     t[i] = {double(uv.x) * size, double(uv.y) * size};
   }
   return t;
@@ -146,8 +148,8 @@ OverlapGrid::Triangle on_grid(const Scene& scene, std::uint32_t triangle, std::u
 
 /// Lays the instance's triangles on the grid over what is there. False at an overlap, or when told
 /// to stop; `where` is then the triangle.
-bool lay_out(const Scene& scene, const Instance& instance, OverlapGrid& grid, std::uint32_t size,
-             std::stop_token stop, std::uint32_t* where) {
+bool lay_out(const scene::Scene& scene, const scene::Instance& instance, OverlapGrid& grid,
+             std::uint32_t size, std::stop_token stop, std::uint32_t* where) {
   const std::uint64_t hopeless = std::uint64_t(size) * size / 32;  // over kShallow of any layout
   std::uint64_t samples = 0, shallow = 0;
   std::uint32_t done = 0;
@@ -164,11 +166,11 @@ bool lay_out(const Scene& scene, const Instance& instance, OverlapGrid& grid, st
   return clear && double(shallow) <= kShallow * double(samples) + 16;
 }
 
-bool same_layout(const Scene& scene, const Instance& a, const Instance& b) {
+bool same_layout(const scene::Scene& scene, const scene::Instance& a, const scene::Instance& b) {
   if (a.part_count != b.part_count) return false;
   for (std::uint32_t k = 0; k < a.part_count; ++k) {
-    const Part& p = scene.parts[a.first_part + k];
-    const Part& q = scene.parts[b.first_part + k];
+    const scene::Part& p = scene.parts[a.first_part + k];
+    const scene::Part& q = scene.parts[b.first_part + k];
     if (p.vertex_count != q.vertex_count || p.triangle_count != q.triangle_count) return false;
     const auto first = scene.lightmap_uv.begin();
     if (!std::equal(first + p.first_vertex, first + p.first_vertex + p.vertex_count,
@@ -180,7 +182,7 @@ bool same_layout(const Scene& scene, const Instance& a, const Instance& b) {
 }
 
 /// Overlap test of each valid instance; instances of one mesh are tested once.
-void check_overlaps(const Scene& scene, std::uint32_t texels, std::stop_token stop,
+void check_overlaps(const scene::Scene& scene, std::uint32_t texels, std::stop_token stop,
                     std::vector<SourceUv>& results) {
   std::map<std::uint32_t, std::uint32_t> tested;  // mesh -> instance
   std::uint64_t layouts = 0;
@@ -216,11 +218,11 @@ void check_overlaps(const Scene& scene, std::uint32_t texels, std::stop_token st
 
 }  // namespace
 
-std::vector<SourceUv> check_source_uv(const Scene& scene, std::uint32_t texels,
+std::vector<SourceUv> check_source_uv(const scene::Scene& scene, std::uint32_t texels,
                                       std::stop_token stop) {
   std::vector<SourceUv> results;
   results.reserve(scene.instances.size());
-  for (const Instance& instance : scene.instances) {
+  for (const scene::Instance& instance : scene.instances) {
     if (stop.stop_requested()) return {};
     results.push_back(check_range(scene, instance));
     SourceUv& result = results.back();
@@ -232,7 +234,7 @@ std::vector<SourceUv> check_source_uv(const Scene& scene, std::uint32_t texels,
   return results;
 }
 
-bool share_one_page(const Scene& scene, std::span<const std::uint32_t> instances,
+bool share_one_page(const scene::Scene& scene, std::span<const std::uint32_t> instances,
                     std::uint32_t texels, std::stop_token stop) {
   if (instances.size() < 2) return true;
   const std::uint32_t size = std::clamp(2 * texels, 512u, 4096u);
@@ -244,4 +246,4 @@ bool share_one_page(const Scene& scene, std::span<const std::uint32_t> instances
   });
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -2,7 +2,7 @@
 
 #include <optional>
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 /// Nearest point of a convex polygon.
@@ -38,13 +38,13 @@ Point first_moment(const Polygon& p) {
 
 /// Mean over the points; evaluated once where it is constant on the points' triangle.
 template <class Constant, class Value>
-Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
-              Value value) {
-  Rgb sum, last;
+math::Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
+                    Value value) {
+  math::Rgb sum, last;
   std::uint32_t last_triangle = 0xffffffffu;
   for (const SamplePoint& p : points) {
     if (p.triangle != last_triangle) {
-      const std::optional<Rgb> same = constant(setups[p.triangle]);
+      const std::optional<math::Rgb> same = constant(setups[p.triangle]);
       last = same ? *same : value(p);
       last_triangle = same ? p.triangle : 0xffffffffu;
     }
@@ -88,7 +88,7 @@ void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
     const Polygon footprint = clip_to_texel(setup.polygon(), x, y);
     at = footprint.n >= 3 ? closest_point(footprint, centroid) : centroid;
   }
-  const Bary bary = make_point(most.triangle, setup.bary(at)).bary();
+  const scene::Bary bary = make_point(most.triangle, setup.bary(at)).bary();
   group.position[texel] = position_at(scene_, most.triangle, bary);
   group.shading_normal[texel] = shading_normal(scene_, most.triangle, bary);
   group.area_m2[texel] = float(area);
@@ -98,16 +98,17 @@ void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
 
 bool TexelFiller::fill_colours(TextureGroup& group, std::uint32_t texel) {
   const std::span<const SamplePoint> points = group.points_of(texel);
-  const Rgb albedo = mean_over(
+  const math::Rgb albedo = mean_over(
       setups_, points,
       [](const TriangleSetup& t) {
         return t.constant_albedo ? std::optional(t.albedo) : std::nullopt;
       },
       [&](const SamplePoint& p) { return albedo_at(scene_, p.triangle, p.bary()); });
-  const Rgb capped{std::min(albedo.r, kMaxAlbedo), std::min(albedo.g, kMaxAlbedo),
-                   std::min(albedo.b, kMaxAlbedo)};
+  const math::Rgb capped{std::min(albedo.r, scene::kMaxAlbedo),
+                         std::min(albedo.g, scene::kMaxAlbedo),
+                         std::min(albedo.b, scene::kMaxAlbedo)};
   group.albedo[texel] = capped;
   return capped != albedo;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

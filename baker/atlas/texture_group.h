@@ -10,9 +10,11 @@
 #include "baker/scene/scene.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
-
+namespace kiln::exec {
 class ThreadPool;
+}
+
+namespace kiln::atlas {
 
 inline constexpr std::int32_t kNoTexel = -1;
 
@@ -27,7 +29,7 @@ struct SamplePoint {
   std::uint32_t triangle = 0;
   std::uint16_t u = 0, v = 0;  ///< barycentric, in units of 1/65535, u + v <= 65535
 
-  Bary bary() const { return {float(u) * (1 / 65535.f), float(v) * (1 / 65535.f)}; }
+  scene::Bary bary() const { return {float(u) * (1 / 65535.f), float(v) * (1 / 65535.f)}; }
 };
 
 /// What the solvers know of the surface: one entry per texel that any triangle touches, in planes
@@ -47,9 +49,9 @@ struct TextureGroup {
   std::vector<Page> pages;
   std::uint32_t front_count = 0;
 
-  std::vector<Vec3> position;           ///< m: a point of the surface near the footprint's centroid
-  std::vector<Vec3> shading_normal;     ///< unit
-  std::vector<Rgb> albedo;              ///< mean over the footprint, capped at kMaxAlbedo
+  std::vector<math::Vec3> position;  ///< m: a point of the surface near the footprint's centroid
+  std::vector<math::Vec3> shading_normal;  ///< unit
+  std::vector<math::Rgb> albedo;           ///< mean over the footprint, capped at kMaxAlbedo
   std::vector<float> area_m2;           ///< world area of the covered part; sums to the surface's
   std::vector<float> coverage;          ///< covered share of the texel's square, (0, 1]
   std::vector<std::uint32_t> triangle;  ///< the one that covers most
@@ -91,8 +93,8 @@ inline constexpr std::size_t kMaxBandPieces = std::size_t(1) << 25;
 /// the footprint's centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles
 /// in eight rows of a page), `canceled`. Runs on `pool`, or on the calling thread; the bits are the
 /// same.
-proto::Expected<TextureGroup> rasterise(const Scene&, const Atlas&, std::stop_token = {},
+proto::Expected<TextureGroup> rasterise(const scene::Scene&, const Atlas&, std::stop_token = {},
                                         std::size_t max_pieces = kMaxBandPieces,
-                                        ThreadPool* pool = nullptr);
+                                        exec::ThreadPool* pool = nullptr);
 
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

@@ -1,6 +1,6 @@
 #include "baker/atlas/triangle_setup.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 void SetupCache::fill(TriangleSetup& s, std::uint32_t triangle) const {
   const UvTriangle uv(atlas_, triangle);
@@ -13,11 +13,11 @@ void SetupCache::fill(TriangleSetup& s, std::uint32_t triangle) const {
   s.m2_per_texel2 = double(triangle_area(scene_, triangle)) / uv.area();
   s.normal = geometric_normal(scene_, triangle);
   const auto& v = scene_.triangles[triangle];
-  const Material& material = scene_.material_of(triangle);
+  const scene::Material& material = scene_.material_of(triangle);
   s.constant_albedo = material.base_texture.image < 0 &&
                       scene_.colors[v[0]] == scene_.colors[v[1]] &&
                       scene_.colors[v[0]] == scene_.colors[v[2]];
   if (s.constant_albedo) s.albedo = albedo_at(scene_, triangle, {});
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

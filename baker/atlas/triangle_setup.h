@@ -5,7 +5,7 @@
 #include "baker/atlas/clip.h"
 #include "baker/scene/scene.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// What rasterising needs of a triangle again and again.
 struct TriangleSetup {
@@ -14,8 +14,8 @@ struct TriangleSetup {
   Point p[3];                             ///< on the page, texels
   double ux = 0, uy = 0, vx = 0, vy = 0;  ///< u and v grow by these per texel
   double m2_per_texel2 = 0;  ///< world area behind an area on the page: the map is affine
-  Vec3 normal;               ///< geometric
-  Rgb albedo;                ///< where constant
+  math::Vec3 normal;         ///< geometric
+  math::Rgb albedo;          ///< where constant
 
   Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
   /// Barycentric (u, v) of a page point; outside [0, 1] when the point is outside.
@@ -28,7 +28,7 @@ struct TriangleSetup {
 /// Keeps the set-ups of the triangles in use; neighbouring texels ask for the same ones.
 class SetupCache {
  public:
-  SetupCache(const Scene& scene, const Atlas& atlas)
+  SetupCache(const scene::Scene& scene, const Atlas& atlas)
       : scene_(scene), atlas_(atlas), slots_(kSlots) {}
 
   /// Valid until the next call.
@@ -42,9 +42,9 @@ class SetupCache {
   static constexpr std::uint32_t kSlots = 512;
   void fill(TriangleSetup&, std::uint32_t triangle) const;
 
-  const Scene& scene_;
+  const scene::Scene& scene_;
   const Atlas& atlas_;
   std::vector<TriangleSetup> slots_;
 };
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -6,7 +6,7 @@
 #include "baker/atlas/flatten.h"
 #include "baker/exec/stop.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 constexpr double kConeCosine = 0.766;    ///< cos 40 deg
@@ -20,13 +20,14 @@ constexpr std::uint32_t kNone = Surface::kNone;
 
 }  // namespace
 
-Unwrapped Unwrapper::unwrap(const Scene& scene, const Instance& instance, std::stop_token stop) {
+Unwrapped Unwrapper::unwrap(const scene::Scene& scene, const scene::Instance& instance,
+                            std::stop_token stop) {
   stop_ = std::move(stop);
   if (!load(scene, instance)) return {};
   std::vector<std::uint32_t> seeds(surface_.triangles.size());
   std::iota(seeds.begin(), seeds.end(), 0u);
   const auto larger = [&](std::uint32_t a, std::uint32_t b) { return area_[a] > area_[b]; };
-  if (!sort_unless_stopped(seeds, larger, stop_)) return {};
+  if (!exec::sort_unless_stopped(seeds, larger, stop_)) return {};
   for (const std::uint32_t seed : seeds) {
     if (chart_[seed] != kNone) continue;
     make_chart(seed);
@@ -36,7 +37,7 @@ Unwrapped Unwrapper::unwrap(const Scene& scene, const Instance& instance, std::s
 }
 
 /// False when stopped.
-bool Unwrapper::load(const Scene& scene, const Instance& instance) {
+bool Unwrapper::load(const scene::Scene& scene, const scene::Instance& instance) {
   scene_ = &scene;
   surface_ = weld(scene, instance, WeldBy::kPosition, stop_);
   if (stopped()) return false;
@@ -105,7 +106,7 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
   queue_.assign(1, {0, seed});
   Vec3d sum{};
   Vec3d axis = normal_[seed];
-  StopPoll stop(stop_);
+  exec::StopPoll stop(stop_);
   while (!queue_.empty() && members_.size() < limit && !stop()) {
     std::pop_heap(queue_.begin(), queue_.end());
     const std::uint32_t face = queue_.back().face;
@@ -167,7 +168,7 @@ OverlapGrid::Triangle Unwrapper::on_grid(std::uint32_t face) const {
 
 bool Unwrapper::covers_itself(const Vec3d& axis) {
   open_grid(axis);
-  StopPoll stop(stop_);
+  exec::StopPoll stop(stop_);
   return std::any_of(members_.begin(), members_.end(), [&](std::uint32_t face) {
     if (stop()) return true;
     const auto triangle = on_grid(face);
@@ -187,7 +188,7 @@ void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
   std::vector<std::uint32_t> kept{seed};
   mark_[seed] = taken;
   grid_.add(on_grid(seed));
-  StopPoll stop(stop_);
+  exec::StopPoll stop(stop_);
   for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
     for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
@@ -224,7 +225,7 @@ void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
   const bool side = middle(seed, frame) < frame.width / 2;
   std::vector<std::uint32_t> kept{seed};
   mark_[seed] = taken;
-  StopPoll stop(stop_);
+  exec::StopPoll stop(stop_);
   for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
     for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
@@ -237,7 +238,7 @@ void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
 }
 
 ChartFrame Unwrapper::frame_for(const Vec3d& axis) const {
-  std::vector<Vec3> corners;
+  std::vector<math::Vec3> corners;
   corners.reserve(members_.size() * 3);
   for (const std::uint32_t face : members_) {
     for (const std::uint32_t v : scene_->triangles[surface_.triangles[face]]) {
@@ -247,4 +248,4 @@ ChartFrame Unwrapper::frame_for(const Vec3d& axis) const {
   return smallest_frame(corners, axis, stop_);
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -10,7 +10,7 @@
 #include "baker/atlas/weld.h"
 #include "baker/scene/scene.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// Double precision direction or position.
 struct Vec3d {
@@ -22,7 +22,7 @@ struct ChartFrame {
   Vec3d origin, u, v;  ///< u, v: orthonormal; cross(u, v) is the chart's mean normal
   double width = 0, height = 0;
 
-  Point project(Vec3 p) const {
+  Point project(math::Vec3 p) const {
     const Vec3d d{double(p.x) - origin.x, double(p.y) - origin.y, double(p.z) - origin.z};
     return {d.x * u.x + d.y * u.y + d.z * u.z, d.x * v.x + d.y * v.y + d.z * v.z};
   }
@@ -46,7 +46,7 @@ class Unwrapper {
   /// `texel_m`: the least side of a texel that the charts may end up with; overlaps of less than
   /// half of it go unseen. Empty when stopped.
   explicit Unwrapper(double texel_m) : texel_m_(texel_m) {}
-  Unwrapped unwrap(const Scene&, const Instance&, std::stop_token);
+  Unwrapped unwrap(const scene::Scene&, const scene::Instance&, std::stop_token);
 
  private:
   struct Candidate {
@@ -58,7 +58,7 @@ class Unwrapper {
       return deviation != o.deviation ? deviation > o.deviation : face > o.face;
     }
   };
-  bool load(const Scene&, const Instance&);
+  bool load(const scene::Scene&, const scene::Instance&);
   void make_chart(std::uint32_t seed);
   Vec3d collect(std::uint32_t seed);
   void grow(std::uint32_t seed, bool fixed_axis, std::size_t limit);
@@ -78,7 +78,7 @@ class Unwrapper {
 
   double texel_m_ = 0;
   std::stop_token stop_;  ///< once it is requested, what the steps leave is not used
-  const Scene* scene_ = nullptr;
+  const scene::Scene* scene_ = nullptr;
   Surface surface_;
   std::vector<Vec3d> normal_;         ///< per face, unit
   std::vector<double> area_;          ///< per face, m2
@@ -94,4 +94,4 @@ class Unwrapper {
   double cells_per_metre_ = 0;
 };
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -6,12 +6,12 @@
 
 #include "baker/exec/stop.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 namespace {
 
 struct Corner {
-  Vec3 p;
-  Vec2 uv;
+  math::Vec3 p;
+  math::Vec2 uv;
   std::uint32_t vertex = 0;
 
   auto key() const { return std::tie(p.x, p.y, p.z, uv.x, uv.y); }
@@ -19,25 +19,25 @@ struct Corner {
 
 /// One number per scene vertex of the instance (relative to the first one), equal where welded.
 /// Empty when stopped.
-std::vector<std::uint32_t> weld_vertices(const Scene& scene, const Instance& instance, WeldBy by,
-                                         std::uint32_t first_vertex, std::uint32_t end_vertex,
-                                         const std::stop_token& stop) {
-  StopPoll stopped(stop);
+std::vector<std::uint32_t> weld_vertices(const scene::Scene& scene, const scene::Instance& instance,
+                                         WeldBy by, std::uint32_t first_vertex,
+                                         std::uint32_t end_vertex, const std::stop_token& stop) {
+  exec::StopPoll stopped(stop);
   std::vector<Corner> corners;
   corners.reserve(end_vertex - first_vertex);
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
-    const Part& part = scene.parts[instance.first_part + k];
+    const scene::Part& part = scene.parts[instance.first_part + k];
     for (std::uint32_t i = 0; i < part.vertex_count; ++i) {
       if (stopped()) return {};
       const std::uint32_t v = part.first_vertex + i;
-      const Vec2 uv = by == WeldBy::kPosition ? Vec2{} : scene.lightmap_uv[v];
+      const math::Vec2 uv = by == WeldBy::kPosition ? math::Vec2{} : scene.lightmap_uv[v];
       corners.push_back({scene.positions[v], uv, v});
     }
   }
   const auto before = [](const Corner& a, const Corner& b) {
     return a.key() != b.key() ? a.key() < b.key() : a.vertex < b.vertex;
   };
-  if (!sort_unless_stopped(corners, before, stop)) return {};
+  if (!exec::sort_unless_stopped(corners, before, stop)) return {};
   std::vector<std::uint32_t> id(end_vertex - first_vertex, 0);
   std::uint32_t next = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -65,11 +65,12 @@ std::uint32_t find(std::vector<std::uint32_t>& parent, std::uint32_t i) {
 
 }  // namespace
 
-Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std::stop_token& stop) {
+Surface weld(const scene::Scene& scene, const scene::Instance& instance, WeldBy by,
+             const std::stop_token& stop) {
   Surface surface;
   std::uint32_t first_vertex = 0xffffffffu, end_vertex = 0;
   for (std::uint32_t k = 0; k < instance.part_count; ++k) {
-    const Part& part = scene.parts[instance.first_part + k];
+    const scene::Part& part = scene.parts[instance.first_part + k];
     first_vertex = std::min(first_vertex, part.first_vertex);
     end_vertex = std::max(end_vertex, part.first_vertex + part.vertex_count);
     for (std::uint32_t i = 0; i < part.triangle_count; ++i) {
@@ -80,7 +81,7 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
   std::sort(surface.triangles.begin(), surface.triangles.end());
   const auto id = weld_vertices(scene, instance, by, first_vertex, end_vertex, stop);
   if (id.empty()) return {};
-  StopPoll stopped(stop);
+  exec::StopPoll stopped(stop);
   std::vector<HalfEdge> edges;
   edges.reserve(surface.triangles.size() * 3);
   for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) {
@@ -96,7 +97,7 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
     return a.key() != b.key() ? a.key() < b.key()
                               : std::tie(a.triangle, a.edge) < std::tie(b.triangle, b.edge);
   };
-  if (!sort_unless_stopped(edges, before, stop)) return {};
+  if (!exec::sort_unless_stopped(edges, before, stop)) return {};
   surface.neighbour.assign(surface.triangles.size(),
                            {Surface::kNone, Surface::kNone, Surface::kNone});
   for (std::size_t begin = 0, end = 0; begin < edges.size(); begin = end) {
@@ -114,7 +115,7 @@ Surface weld(const Scene& scene, const Instance& instance, WeldBy by, const std:
 
 std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_t* count,
                                             const std::stop_token& stop) {
-  StopPoll stopped(stop);
+  exec::StopPoll stopped(stop);
   *count = 0;
   const auto n = std::uint32_t(surface.triangles.size());
   std::vector<std::uint32_t> parent(n);
@@ -138,4 +139,4 @@ std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_
   return piece;
 }
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

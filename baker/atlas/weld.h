@@ -7,7 +7,7 @@
 
 #include "baker/scene/scene.h"
 
-namespace kiln::baker::atlas_detail {
+namespace kiln::atlas {
 
 /// The triangles of one instance as a surface: which of them meet along an edge.
 struct Surface {
@@ -27,11 +27,11 @@ enum class WeldBy {
 };
 /// For kPositionAndUv, neighbours may have either winding: a fold is still one piece. An empty
 /// surface when stopped.
-Surface weld(const Scene&, const Instance&, WeldBy, const std::stop_token&);
+Surface weld(const scene::Scene&, const scene::Instance&, WeldBy, const std::stop_token&);
 
 /// Numbers the connected pieces from 0 in order of their first triangle; one entry per triangle of
 /// the surface. Nothing when stopped.
 std::vector<std::uint32_t> connected_pieces(const Surface&, std::uint32_t* count,
                                             const std::stop_token&);
 
-}  // namespace kiln::baker::atlas_detail
+}  // namespace kiln::atlas

@@ -2,9 +2,9 @@
 
 #include <cstdint>
 
-namespace kiln::baker {
+namespace kiln::exec {
 
 /// Most memory that this process has held at once, bytes.
 std::uint64_t peak_memory_bytes();
 
-}  // namespace kiln::baker
+}  // namespace kiln::exec

@@ -10,7 +10,7 @@
 
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::exec {
 
 /// The answer of work that a stop request ended.
 inline proto::Unexpected canceled() {
@@ -67,4 +67,4 @@ bool sort_unless_stopped(std::vector<T>& values, Less less, const std::stop_toke
   return true;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::exec

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-namespace kiln::baker {
+namespace kiln::exec {
 namespace {
 
 /// One for_batches() call: numbers are handed out in order, and counted when they come back.
@@ -112,4 +112,4 @@ bool ThreadPool::for_batches(std::uint32_t count, std::stop_token stop,
   return set.next == set.count && !stop.stop_requested();
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::exec

@@ -5,7 +5,7 @@
 #include <memory>
 #include <stop_token>
 
-namespace kiln::baker {
+namespace kiln::exec {
 
 /// The fixed set of threads that runs the batches of all jobs.
 class ThreadPool {
@@ -29,4 +29,4 @@ class ThreadPool {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::exec

@@ -6,7 +6,7 @@
 
 #include "baker/exec/thread_pool.h"
 
-namespace kiln::baker {
+namespace kiln::exec {
 
 /// Where one job's work runs, and what ends it early.
 struct Workers {
@@ -23,4 +23,4 @@ struct Workers {
   }
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::exec

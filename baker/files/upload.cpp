@@ -1,6 +1,6 @@
 #include "baker/files/upload.h"
 
-namespace kiln::baker {
+namespace kiln::files {
 
 proto::Expected<MappedFile> map_file(const SceneFiles& files, const std::filesystem::path& path,
                                      std::uint64_t max_bytes) {
@@ -15,4 +15,4 @@ proto::Expected<MappedFile> map_file(const SceneFiles& files, const std::filesys
                                            std::to_string(max_bytes) + " allowed");
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::files

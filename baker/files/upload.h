@@ -7,10 +7,10 @@
 #include <optional>
 #include <string>
 
-#include "baker/scene/mapped_file.h"
+#include "baker/files/mapped_file.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::files {
 
 /// The files of one upload. `side` is keyed by the name that came with each file; a URI in the glTF
 /// matches the whole name, or else the last path component where exactly one file has it (curl
@@ -43,4 +43,4 @@ struct ImportLimits {
   std::uint32_t lights = 100'000;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::files

@@ -13,12 +13,12 @@
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::image {
 
 /// A page as an image, row-major, row 0 = top.
 struct PageImage {
   std::uint32_t width = 0, height = 0;
-  std::vector<Rgb> rgb;
+  std::vector<math::Rgb> rgb;
   std::vector<float> coverage;  ///< > 0 on lit texels only; padding has 0
 };
 
@@ -51,4 +51,4 @@ proto::Expected<std::string> encode_png_bytes(std::span<const std::uint8_t> samp
                                               std::uint32_t width, std::uint32_t height,
                                               int channels);
 
-}  // namespace kiln::baker
+}  // namespace kiln::image

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-namespace kiln::baker {
+namespace kiln::math {
 
 inline constexpr float kPi = 3.14159265358979323846f;
 
@@ -110,4 +110,4 @@ inline bool is_black(Rgb a) {
   return a.r == 0 && a.g == 0 && a.b == 0;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::math

@@ -2,7 +2,7 @@
 
 #include "baker/image/page_image.h"
 
-namespace kiln::baker {
+namespace kiln::output {
 namespace {
 
 /// A threshold in [0, 1) for each texel and channel that fills the interval evenly over any small
@@ -15,10 +15,10 @@ float threshold(std::uint32_t x, std::uint32_t y, std::uint32_t channel) {
 
 }  // namespace
 
-proto::Expected<LitPage> encode_lit_page(const PageImage& image) {
+proto::Expected<LitPage> encode_lit_page(const image::PageImage& image) {
   LitPage page;
   float max = 0;
-  for (const Rgb v : image.rgb) max = std::max(max, max_channel(v));
+  for (const math::Rgb v : image.rgb) max = std::max(max, max_channel(v));
   if (max > 0) page.scale = max;
 
   std::vector<std::uint8_t> samples(image.rgb.size() * 3);
@@ -34,10 +34,10 @@ proto::Expected<LitPage> encode_lit_page(const PageImage& image) {
       }
     }
   }
-  auto png = encode_png_bytes(samples, image.width, image.height, 3);
+  auto png = image::encode_png_bytes(samples, image.width, image.height, 3);
   if (!png) return proto::Unexpected(png.error());
   page.png = std::move(*png);
   return page;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output

@@ -2,9 +2,9 @@
 
 #include <cmath>
 
-#include "baker/scene/flat_file.h"
+#include "baker/files/flat_file.h"
 
-namespace kiln::baker {
+namespace kiln::output {
 namespace {
 
 using proto::Expected;
@@ -14,7 +14,7 @@ struct SizeRecord {
 };
 struct PlacementRecord {
   std::uint32_t page, uses_source_uv;
-  Vec2 scale, offset;
+  math::Vec2 scale, offset;
 };
 struct PageRecord {
   float scale, exposure;
@@ -32,7 +32,7 @@ enum Section : std::size_t {
   kText,  ///< of each page the name of its EXR and its PNG
 };
 constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
-                                                            sizeof(AtlasVertex),
+                                                            sizeof(atlas::AtlasVertex),
                                                             sizeof(Triangle),
                                                             sizeof(std::uint32_t),
                                                             sizeof(PlacementRecord),
@@ -40,11 +40,11 @@ constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
                                                             1};
 
 /// Both ends are of one build, and nobody keeps the file.
-FlatHeader header() {
-  return {FlatKind::kLitRequest, 1, std::string(64, '-')};
+files::FlatHeader header() {
+  return {files::FlatKind::kLitRequest, 1, std::string(64, '-')};
 }
 
-bool read_pages(LitRequest& out, const FlatFile& file) {
+bool read_pages(LitRequest& out, const files::FlatFile& file) {
   std::string_view text = file.bytes(kText);
   for (const PageRecord& r : file.records<PageRecord>(kPages)) {
     if (r.exr_bytes > text.size() || r.png_bytes > text.size() - r.exr_bytes) return false;
@@ -60,10 +60,10 @@ bool read_pages(LitRequest& out, const FlatFile& file) {
   return text.empty() && out.pages.size() == out.atlas.page_count;
 }
 
-bool read_placements(Atlas& atlas, const FlatFile& file) {
+bool read_placements(atlas::Atlas& atlas, const files::FlatFile& file) {
   for (const PlacementRecord& r : file.records<PlacementRecord>(kPlacements)) {
     if (r.page >= atlas.page_count || r.uses_source_uv > 1) return false;
-    InstancePlacement placed;
+    atlas::InstancePlacement placed;
     placed.page = r.page;
     placed.uses_source_uv = r.uses_source_uv != 0;
     placed.scale = r.scale;
@@ -74,12 +74,12 @@ bool read_placements(Atlas& atlas, const FlatFile& file) {
 }
 
 /// Whether every index is in range, and all arrays are as long as the scene has it.
-bool fits(const Atlas& atlas, const Scene& scene) {
+bool fits(const atlas::Atlas& atlas, const scene::Scene& scene) {
   if (atlas.triangles.size() != scene.triangles.size() ||
       atlas.triangle_chart.size() != scene.triangles.size() ||
       atlas.placements.size() != scene.instances.size())
     return false;
-  for (const AtlasVertex& v : atlas.vertices)
+  for (const atlas::AtlasVertex& v : atlas.vertices)
     if (v.scene_vertex >= scene.positions.size()) return false;
   for (const Triangle& t : atlas.triangles)
     for (const std::uint32_t v : t)
@@ -91,12 +91,13 @@ bool fits(const Atlas& atlas, const Scene& scene) {
 
 }  // namespace
 
-Expected<void> write_lit_request(int fd, const Atlas& atlas, std::span<const LitPage> pages) {
+proto::Expected<void> write_lit_request(int fd, const atlas::Atlas& atlas,
+                                        std::span<const LitPage> pages) {
   const std::vector<SizeRecord> size{{atlas.page_size, atlas.page_count}};
   std::vector<std::uint32_t> triangle_page(atlas.triangles.size());
   for (std::uint32_t t = 0; t < triangle_page.size(); ++t) triangle_page[t] = atlas.page_of(t);
   std::vector<PlacementRecord> placements;
-  for (const InstancePlacement& p : atlas.placements)
+  for (const atlas::InstancePlacement& p : atlas.placements)
     placements.push_back({p.page, p.uses_source_uv, p.scale, p.offset});
   std::vector<PageRecord> records;
   std::string text;
@@ -106,32 +107,35 @@ Expected<void> write_lit_request(int fd, const Atlas& atlas, std::span<const Lit
     text += p.exr;
     text += p.png;
   }
-  const std::array<FlatSection, kText + 1> sections{
-      flat_section(size),          flat_section(atlas.vertices), flat_section(atlas.triangles),
-      flat_section(triangle_page), flat_section(placements),     flat_section(records),
-      FlatSection{1, text}};
+  const std::array<files::FlatSection, kText + 1> sections{files::flat_section(size),
+                                                           files::flat_section(atlas.vertices),
+                                                           files::flat_section(atlas.triangles),
+                                                           files::flat_section(triangle_page),
+                                                           files::flat_section(placements),
+                                                           files::flat_section(records),
+                                                           files::FlatSection{1, text}};
   return write_flat(fd, header(), sections);
 }
 
-Expected<LitRequest> read_lit_request(std::string_view bytes, const Scene& scene) {
-  const auto file = FlatFile::open(bytes, header(), kRecordBytes);
+proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const scene::Scene& scene) {
+  const auto file = files::FlatFile::open(bytes, header(), kRecordBytes);
   if (!file) return proto::Unexpected(file.error());
   const auto size = file->records<SizeRecord>(kSize);
   constexpr std::uint32_t kMaxPages = 1 << 16;
   if (size.size() != 1 || size[0].page_size == 0 || size[0].page_count > kMaxPages)
-    return bad_flat_file("its pages");
+    return files::bad_flat_file("its pages");
   LitRequest out;
-  Atlas& atlas = out.atlas;
+  atlas::Atlas& atlas = out.atlas;
   atlas.page_size = size[0].page_size;
   atlas.page_count = size[0].page_count;
-  atlas.vertices = file->records<AtlasVertex>(kVertices);
+  atlas.vertices = file->records<atlas::AtlasVertex>(kVertices);
   atlas.triangles = file->records<Triangle>(kTriangles);
   atlas.triangle_chart = file->records<std::uint32_t>(kTrianglePage);
   atlas.charts.resize(atlas.page_count);
   for (std::uint32_t p = 0; p < atlas.page_count; ++p) atlas.charts[p].page = p;
   if (!read_placements(atlas, *file) || !fits(atlas, scene) || !read_pages(out, *file))
-    return bad_flat_file("the atlas does not fit the scene");
+    return files::bad_flat_file("the atlas does not fit the scene");
   return out;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output

@@ -8,19 +8,19 @@
 #include "baker/output/output.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::output {
 
 /// What write_lit_glb() needs beside the upload and its scene, as a flat file (flat_file.h) for the
 /// process that writes lit.glb.
 struct LitRequest {
-  Atlas atlas;  ///< as far as lit.glb goes: one chart for each page, none of its bounds
+  atlas::Atlas atlas;  ///< as far as lit.glb goes: one chart for each page, none of its bounds
   std::vector<LitPage> pages;
 };
 
 /// Errors: `storage_full`, `io_error`.
-proto::Expected<void> write_lit_request(int fd, const Atlas&, std::span<const LitPage>);
+proto::Expected<void> write_lit_request(int fd, const atlas::Atlas&, std::span<const LitPage>);
 
 /// Any bytes are safe to read; the atlas fits the scene. Errors: `bad_document`.
-proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const Scene&);
+proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const scene::Scene&);
 
-}  // namespace kiln::baker
+}  // namespace kiln::output

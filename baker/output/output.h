@@ -12,18 +12,18 @@
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/denoise/filter_bank.h"
 #include "baker/exec/thread_pool.h"
-#include "baker/image/page_image.h"
-#include "baker/post/post.h"
 #include "baker/files/upload.h"
+#include "baker/image/page_image.h"
+#include "baker/lightmap/lightmap.h"
+#include "baker/output/post.h"
 #include "baker/scene/scene.h"
-#include "baker/solver/filter/filter_bank.h"
-#include "baker/solver/lightmap.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 #include "proto/manifest.h"
 
-namespace kiln::baker {
+namespace kiln::output {
 
 /// A page as lit.glb embeds it.
 struct LitPage {
@@ -32,16 +32,6 @@ struct LitPage {
   std::string exr;     ///< name of the page's EXR beside lit.glb, "" when none is written
   float exposure = 1;  ///< of the preview
 };
-/// lit.glb: the source document, everything kept, with a TEXCOORD_1 per instance and the pages'
-/// lightmaps referenced by MX_lightmap (nodes) and MOZ_lightmap (materials); one LitPage per page
-/// of the atlas. Self-contained: buffers and images of the upload are embedded. Errors: `io_error`,
-/// and `invalid_scene` where the source changed since it was imported.
-proto::Expected<void> write_lit_glb(const std::filesystem::path&, const SceneFiles&, const Scene&,
-                                    const Atlas&, std::span<const LitPage>);
-/// The same to an open file.
-proto::Expected<void> write_lit_glb(int fd, const SceneFiles&, const Scene&, const Atlas&,
-                                    std::span<const LitPage>);
-
 /// Writes lit.glb to a path. Errors: those of write_lit_glb(), and `canceled`.
 using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&,
                                                       std::span<const LitPage>, std::stop_token)>;
@@ -49,11 +39,11 @@ using LitWriter = std::function<proto::Expected<void>(const std::filesystem::pat
 /// Everything of a finished bake that the files hold.
 struct OutputInput {
   LitWriter write_lit;
-  const Scene& scene;
-  const Atlas& atlas;
-  const TextureGroup& texels;
-  const Lightmap& light;
-  const FilteredLight& filtered;
+  const scene::Scene& scene;
+  const atlas::Atlas& atlas;
+  const atlas::TextureGroup& texels;
+  const lightmap::Lightmap& light;
+  const denoise::FilteredLight& filtered;
 };
 /// Writes all the files that settings ask for into `dir`, each as a temporary that is flushed and
 /// renamed when whole, those of a page at the same time. Fills pages, nodes, files and warnings of
@@ -63,6 +53,6 @@ struct OutputInput {
 /// `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,
-                                    ThreadPool&, std::stop_token);
+                                    exec::ThreadPool&, std::stop_token);
 
-}  // namespace kiln::baker
+}  // namespace kiln::output

@@ -9,7 +9,7 @@
 #include "proto/files.h"
 #include "proto/json.h"
 
-namespace kiln::baker {
+namespace kiln::output {
 namespace {
 
 using proto::fail;
@@ -29,8 +29,8 @@ std::string page_name(std::uint32_t page, const char* extension) {
 
 /// What one layer shows of a texel.
 proto::Expected<TexelValue> layer_value(const OutputInput& in, const std::string& layer) {
-  const Lightmap& light = in.light;
-  const FilteredLight& shown = in.filtered;
+  const lightmap::Lightmap& light = in.light;
+  const denoise::FilteredLight& shown = in.filtered;
   if (layer == "irradiance")
     return [&](auto i) { return shown.direct[i] + shown.sky[i] + shown.indirect[i]; };
   if (layer == "direct") return [&](auto i) { return shown.direct[i] + shown.sky[i]; };
@@ -39,11 +39,13 @@ proto::Expected<TexelValue> layer_value(const OutputInput& in, const std::string
   if (layer == "standard_error")
     return [&](auto i) {
       const float direct = shown.direct_variance[i], gathered = shown.gathered_variance[i];
-      return Rgb{std::sqrt(direct + gathered), std::sqrt(direct), std::sqrt(gathered)};
+      return math::Rgb{std::sqrt(direct + gathered), std::sqrt(direct), std::sqrt(gathered)};
     };
   if (layer == "samples")
-    return [&](auto i) { return Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0}; };
-  return fail("internal", "there is no layer '" + layer + "'");
+    return [&](auto i) {
+      return math::Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0};
+    };
+  return proto::fail("internal", "there is no layer '" + layer + "'");
 }
 
 struct Layer {
@@ -55,7 +57,7 @@ struct Layer {
 class Writer {
  public:
   Writer(const std::filesystem::path& dir, const OutputInput& in,
-         const proto::BakeSettings& settings, proto::Manifest& manifest, ThreadPool& pool,
+         const proto::BakeSettings& settings, proto::Manifest& manifest, exec::ThreadPool& pool,
          std::stop_token stop)
       : dir_(dir),
         in_(in),
@@ -89,18 +91,18 @@ class Writer {
   }
 
   proto::Expected<void> canceled() const {
-    if (stop_.stop_requested()) return fail(proto::kCanceledCode, "the bake was cancelled");
+    if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "the bake was cancelled");
     return {};
   }
 
-  PageImage compose(std::uint32_t page, const TexelValue& value) const {
+  image::PageImage compose(std::uint32_t page, const TexelValue& value) const {
     return compose_page(in_.texels, page, value, settings_.post.dilate);
   }
 
   /// The files of a page are made at the same time, one by each thread.
   proto::Expected<void> write_page(std::uint32_t p) {
     if (auto ok = canceled(); !ok) return ok;
-    const PageImage irradiance = compose(p, irradiance_);
+    const image::PageImage irradiance = compose(p, irradiance_);
     auto info = look_at(p, irradiance);
     if (!info) return Unexpected(info.error());
     const float exposure =
@@ -130,17 +132,18 @@ class Writer {
   }
 
   /// Size, lit texels and their maximum.
-  static proto::Expected<proto::PageInfo> look_at(std::uint32_t p, const PageImage& irradiance) {
+  static proto::Expected<proto::PageInfo> look_at(std::uint32_t p,
+                                                  const image::PageImage& irradiance) {
     proto::PageInfo info;
     info.width = irradiance.width;
     info.height = irradiance.height;
     for (std::size_t i = 0; i < irradiance.rgb.size(); ++i) {
       if (!(irradiance.coverage[i] > 0)) continue;
-      const Rgb v = irradiance.rgb[i];
+      const math::Rgb v = irradiance.rgb[i];
       if (!std::isfinite(v.r) || !std::isfinite(v.g) || !std::isfinite(v.b))
-        return fail("internal", "the light of texel (" + std::to_string(i % info.width) + ", " +
-                                    std::to_string(i / info.width) + ") of page " +
-                                    std::to_string(p) + " is not finite");
+        return proto::fail("internal", "the light of texel (" + std::to_string(i % info.width) +
+                                           ", " + std::to_string(i / info.width) + ") of page " +
+                                           std::to_string(p) + " is not finite");
       ++info.texels;
       info.max_lx = std::max(info.max_lx, max_channel(v));
     }
@@ -165,17 +168,17 @@ class Writer {
     return {};
   }
 
-  proto::Expected<void> write_page_exr(std::uint32_t p, const PageImage& irradiance,
+  proto::Expected<void> write_page_exr(std::uint32_t p, const image::PageImage& irradiance,
                                        const std::string& name, PageFiles& made) const {
-    std::vector<PageImage> images;  // of the other layers
+    std::vector<image::PageImage> images;  // of the other layers
     images.reserve(layers_.size());
-    std::vector<ExrLayer> named;
+    std::vector<image::ExrLayer> named;
     float max = 0;
     for (const Layer& layer : layers_) {
-      const PageImage* image = &irradiance;
+      const image::PageImage* image = &irradiance;
       if (layer.name != "irradiance") image = &images.emplace_back(compose(p, layer.value));
       named.push_back({layer.name, image});
-      for (const Rgb v : image->rgb) max = std::max(max, max_channel(v));
+      for (const math::Rgb v : image->rgb) max = std::max(max, max_channel(v));
     }
     proto::Precision precision = settings_.output.precision;
     if (precision == proto::Precision::kHalf && max > kHalfLimitLx) {
@@ -216,15 +219,16 @@ class Writer {
     };
   }
 
-  proto::Expected<void> write_preview(const PageImage& image, const proto::PageInfo& info,
+  proto::Expected<void> write_preview(const image::PageImage& image, const proto::PageInfo& info,
                                       PageFiles& made) const {
-    const auto png = encode_png(tone_map(image, info.preview_exposure), image.width, image.height);
+    const auto png =
+        image::encode_png(tone_map(image, info.preview_exposure), image.width, image.height);
     if (!png) return Unexpected(png.error());
     if (auto ok = proto::write_bytes(dir_ / info.preview, *png); !ok) return ok;
     return digest(info.preview, "image/png", made.preview);
   }
 
-  static proto::Expected<void> make_lit_page(const PageImage& image, const std::string& exr,
+  static proto::Expected<void> make_lit_page(const image::PageImage& image, const std::string& exr,
                                              float exposure, PageFiles& made) {
     auto lit = encode_lit_page(image);
     if (!lit) return Unexpected(lit.error());
@@ -237,8 +241,8 @@ class Writer {
   void fill_nodes() {
     manifest_.nodes.clear();
     for (std::size_t i = 0; i < in_.scene.instances.size(); ++i) {
-      const Instance& instance = in_.scene.instances[i];
-      const InstancePlacement& placed = in_.atlas.placements[i];
+      const scene::Instance& instance = in_.scene.instances[i];
+      const atlas::InstancePlacement& placed = in_.atlas.placements[i];
       proto::NodePlacement node;
       node.node = instance.node;
       node.mesh = instance.mesh;
@@ -270,7 +274,7 @@ class Writer {
   /// it.
   proto::Expected<void> write_manifest() {
     if (auto ok = canceled(); !ok) return ok;
-    manifest_.statistics.peak_memory_bytes = peak_memory_bytes();
+    manifest_.statistics.peak_memory_bytes = exec::peak_memory_bytes();
     const std::string text = proto::to_json(manifest_).dump(1) + "\n";
     if (auto ok = proto::write_bytes(dir_ / "manifest.json", text); !ok) return ok;
     return add_file("manifest.json", "application/json");
@@ -294,7 +298,7 @@ class Writer {
   const OutputInput& in_;
   const proto::BakeSettings& settings_;
   proto::Manifest& manifest_;
-  ThreadPool& pool_;
+  exec::ThreadPool& pool_;
   std::stop_token stop_;
   std::vector<Layer> layers_;
   TexelValue irradiance_;  ///< as a page shows it, whatever its layers
@@ -305,8 +309,8 @@ class Writer {
 
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput& in,
                                     const proto::BakeSettings& settings, proto::Manifest& manifest,
-                                    ThreadPool& pool, std::stop_token stop) {
+                                    exec::ThreadPool& pool, std::stop_token stop) {
   return Writer(dir, in, settings, manifest, pool, std::move(stop)).run();
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output

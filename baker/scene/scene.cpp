@@ -1,6 +1,6 @@
 #include "baker/scene/scene.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 namespace {
 
 std::array<float, 256> make_srgb_table() {
@@ -29,7 +29,7 @@ std::uint32_t wrap_index(std::int64_t i, std::int64_t n, Wrap wrap) {
   return std::uint32_t(((i % n) + n) % n);
 }
 
-Rgb texel_rgb(const Scene& scene, const Image& image, std::uint32_t x, std::uint32_t y) {
+math::Rgb texel_rgb(const Scene& scene, const Image& image, std::uint32_t x, std::uint32_t y) {
   const auto& t = scene.image_texels[image.first_texel + std::uint64_t(y) * image.width + x];
   return {kSrgbToLinear[t[0]], kSrgbToLinear[t[1]], kSrgbToLinear[t[2]]};
 }
@@ -39,7 +39,7 @@ float bounded(float v) {
   return std::isfinite(v) ? std::clamp(v, -65536.f, 65536.f) : 0.f;
 }
 
-Rgb sample(const Scene& scene, const Texture& texture, Vec2 uv) {
+math::Rgb sample(const Scene& scene, const Texture& texture, math::Vec2 uv) {
   if (texture.image < 0) return {1, 1, 1};
   const Image& image = scene.images[texture.image];
   const float x = bounded(uv.x) * float(image.width), y = bounded(uv.y) * float(image.height);
@@ -54,7 +54,8 @@ Rgb sample(const Scene& scene, const Texture& texture, Vec2 uv) {
          (at(x0, y0 + 1) * (1 - fx) + at(x0 + 1, y0 + 1) * fx) * fy;
 }
 
-Vec2 interpolate_uv(const std::vector<Vec2>& uv, const std::array<std::uint32_t, 3>& v, Bary t) {
+math::Vec2 interpolate_uv(const std::vector<math::Vec2>& uv, const std::array<std::uint32_t, 3>& v,
+                          Bary t) {
   return uv[v[0]] * (1 - t.u - t.v) + uv[v[1]] * t.u + uv[v[2]] * t.v;
 }
 
@@ -64,46 +65,47 @@ float srgb_to_linear(std::uint8_t code) {
   return kSrgbToLinear[code];
 }
 
-Vec3 position_at(const Scene& scene, std::uint32_t triangle, Bary t) {
+math::Vec3 position_at(const Scene& scene, std::uint32_t triangle, Bary t) {
   const auto& v = scene.triangles[triangle];
   return interpolate(scene.positions[v[0]], scene.positions[v[1]], scene.positions[v[2]], t);
 }
 
-Vec3 geometric_normal(const Scene& scene, std::uint32_t triangle) {
+math::Vec3 geometric_normal(const Scene& scene, std::uint32_t triangle) {
   const auto& v = scene.triangles[triangle];
-  const Vec3 p = scene.positions[v[0]];
+  const math::Vec3 p = scene.positions[v[0]];
   return normalize(cross(scene.positions[v[1]] - p, scene.positions[v[2]] - p));
 }
 
-Vec3 shading_normal(const Scene& scene, std::uint32_t triangle, Bary t) {
+math::Vec3 shading_normal(const Scene& scene, std::uint32_t triangle, Bary t) {
   const auto& v = scene.triangles[triangle];
-  const Vec3 ng = geometric_normal(scene, triangle);
-  const Vec3 ns =
+  const math::Vec3 ng = geometric_normal(scene, triangle);
+  const math::Vec3 ns =
       normalize(interpolate(scene.normals[v[0]], scene.normals[v[1]], scene.normals[v[2]], t), ng);
   return dot(ns, ng) < 0 ? -ns : ns;
 }
 
 float triangle_area(const Scene& scene, std::uint32_t triangle) {
   const auto& v = scene.triangles[triangle];
-  const Vec3 p = scene.positions[v[0]];
+  const math::Vec3 p = scene.positions[v[0]];
   return 0.5f * length(cross(scene.positions[v[1]] - p, scene.positions[v[2]] - p));
 }
 
-Rgb albedo_at(const Scene& scene, std::uint32_t triangle, Bary t) {
+math::Rgb albedo_at(const Scene& scene, std::uint32_t triangle, Bary t) {
   const auto& v = scene.triangles[triangle];
   const Material& m = scene.material_of(triangle);
   const float w0 = 1 - t.u - t.v;
   const auto& c0 = scene.colors[v[0]];
   const auto& c1 = scene.colors[v[1]];
   const auto& c2 = scene.colors[v[2]];
-  const Rgb vertex{c0[0] * w0 + c1[0] * t.u + c2[0] * t.v, c0[1] * w0 + c1[1] * t.u + c2[1] * t.v,
-                   c0[2] * w0 + c1[2] * t.u + c2[2] * t.v};
-  const Rgb a =
+  const math::Rgb vertex{c0[0] * w0 + c1[0] * t.u + c2[0] * t.v,
+                         c0[1] * w0 + c1[1] * t.u + c2[1] * t.v,
+                         c0[2] * w0 + c1[2] * t.u + c2[2] * t.v};
+  const math::Rgb a =
       m.base_color * vertex * sample(scene, m.base_texture, interpolate_uv(scene.base_uv, v, t));
   return {std::clamp(a.r, 0.f, 1.f), std::clamp(a.g, 0.f, 1.f), std::clamp(a.b, 0.f, 1.f)};
 }
 
-Rgb emission_at(const Scene& scene, std::uint32_t triangle, Bary t) {
+math::Rgb emission_at(const Scene& scene, std::uint32_t triangle, Bary t) {
   const Material& m = scene.material_of(triangle);
   if (is_black(m.emission)) return {};
   return m.emission * sample(scene, m.emission_texture,
@@ -114,4 +116,4 @@ bool is_emissive(const Scene& scene, std::uint32_t triangle) {
   return !is_black(scene.material_of(triangle).emission);
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::scene

@@ -9,7 +9,7 @@
 #include "baker/math/vec.h"
 #include "proto/manifest.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 
 /// Albedo above this would let the Neumann series diverge: capped in every method, and reported.
 inline constexpr float kMaxAlbedo = 0.98f;
@@ -33,8 +33,8 @@ struct Texture {
 enum class AlphaMode : std::uint8_t { kOpaque, kMask, kBlend };
 
 struct Material {
-  Rgb base_color{1, 1, 1};  ///< linear factor; albedo = factor * texture * COLOR_0
-  Rgb emission;             ///< cd/m2: emissiveFactor * KHR_materials_emissive_strength
+  math::Rgb base_color{1, 1, 1};  ///< linear factor; albedo = factor * texture * COLOR_0
+  math::Rgb emission;             ///< cd/m2: emissiveFactor * KHR_materials_emissive_strength
   Texture base_texture, emission_texture;
   bool double_sided = false;
   AlphaMode alpha_mode = AlphaMode::kOpaque;
@@ -67,17 +67,17 @@ enum class PunctualType : std::uint8_t { kDirectional, kPoint, kSpot };
 /// KHR_lights_punctual, in world space.
 struct PunctualLight {
   PunctualType type = PunctualType::kPoint;
-  Rgb intensity;                       ///< colour * intensity: lx (directional) or cd
-  Vec3 position;                       ///< m
-  Vec3 direction{0, 0, -1};            ///< unit, the way the light goes
+  math::Rgb intensity;                 ///< colour * intensity: lx (directional) or cd
+  math::Vec3 position;                 ///< m
+  math::Vec3 direction{0, 0, -1};      ///< unit, the way the light goes
   float range = 0;                     ///< m; 0: unlimited
   float cos_inner = 1, cos_outer = 0;  ///< spot cone
 };
 
 /// A one-sided emitting rectangle that is not part of the geometry: it lights, but nothing hits it.
 struct RectLight {
-  Vec3 corner, edge_u, edge_v;  ///< m; emits towards cross(edge_u, edge_v)
-  Rgb radiance;                 ///< cd/m2
+  math::Vec3 corner, edge_u, edge_v;  ///< m; emits towards cross(edge_u, edge_v)
+  math::Rgb radiance;                 ///< cd/m2
 };
 
 /// Largest value in a sky map.
@@ -88,7 +88,7 @@ inline constexpr float kMaxSkyValue = 1e12f;
 /// has one radiance all over.
 struct SkyMap {
   std::uint32_t width = 0, height = 0;  ///< width = 2 * height; 0: there is no map
-  std::vector<Rgb> texels;              ///< each in [0, kMaxSkyValue]
+  std::vector<math::Rgb> texels;        ///< each in [0, kMaxSkyValue]
   float scale = 1;                      ///< cd/m2 for a value of 1
   float rotation = 0;                   ///< rad, counter-clockwise seen from above
 
@@ -99,11 +99,12 @@ struct SkyMap {
 /// and mapped). World space, metres, +Y up, right-handed. Vertex arrays run in parallel. Built once
 /// by import or by a generator, then never changed.
 struct Scene {
-  std::vector<Vec3> positions;
-  std::vector<Vec3> normals;      ///< unit; flat normals were made where the source has none
-  std::vector<Vec2> base_uv;      ///< of the material's base texture, KHR_texture_transform applied
-  std::vector<Vec2> emission_uv;  ///< of the material's emission texture, likewise
-  std::vector<Vec2> lightmap_uv;  ///< TEXCOORD_1; (0,0) where the part has none
+  std::vector<math::Vec3> positions;
+  std::vector<math::Vec3> normals;  ///< unit; flat normals were made where the source has none
+  std::vector<math::Vec2>
+      base_uv;  ///< of the material's base texture, KHR_texture_transform applied
+  std::vector<math::Vec2> emission_uv;       ///< of the material's emission texture, likewise
+  std::vector<math::Vec2> lightmap_uv;       ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
   /// Which element of the glTF primitive's accessors each vertex came from. A part holds the
   /// vertices that its triangles use and no others: in ascending order of this, each once; or,
@@ -123,7 +124,7 @@ struct Scene {
   std::vector<std::array<std::uint8_t, 4>> image_texels;
   std::vector<PunctualLight> lights;
   std::vector<RectLight> rect_lights;
-  Rgb sky;         ///< cd/m2, the same in every direction
+  math::Rgb sky;   ///< cd/m2, the same in every direction
   SkyMap sky_map;  ///< adds to it
 
   std::vector<proto::Warning> warnings;  ///< what import did not honour
@@ -139,29 +140,29 @@ struct Bary {
   float u = 0, v = 0;
 };
 inline constexpr Bary kCentroid{1 / 3.f, 1 / 3.f};
-inline Vec3 interpolate(Vec3 a, Vec3 b, Vec3 c, Bary t) {
+inline math::Vec3 interpolate(math::Vec3 a, math::Vec3 b, math::Vec3 c, Bary t) {
   return a * (1 - t.u - t.v) + b * t.u + c * t.v;
 }
-Vec3 position_at(const Scene&, std::uint32_t triangle, Bary);
+math::Vec3 position_at(const Scene&, std::uint32_t triangle, Bary);
 /// Unit normal by the right-hand rule over the triangle's vertices.
-Vec3 geometric_normal(const Scene&, std::uint32_t triangle);
+math::Vec3 geometric_normal(const Scene&, std::uint32_t triangle);
 /// Interpolated vertex normal, unit, on the geometric normal's side.
-Vec3 shading_normal(const Scene&, std::uint32_t triangle, Bary);
+math::Vec3 shading_normal(const Scene&, std::uint32_t triangle, Bary);
 float triangle_area(const Scene&, std::uint32_t triangle);  ///< m2
 /// Whether three points can be a triangle of a scene: geometric_normal can make a unit vector of
 /// their cross product.
-inline bool has_area(Vec3 a, Vec3 b, Vec3 c) {
-  const Vec3 n = cross(b - a, c - a);
+inline bool has_area(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
+  const math::Vec3 n = cross(b - a, c - a);
   return dot(n, n) >= std::numeric_limits<float>::min();
 }
 /// Albedo before the cap: factor * texture * vertex colour, each channel in [0, 1].
-Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
+math::Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
 /// Emitted radiance, cd/m2.
-Rgb emission_at(const Scene&, std::uint32_t triangle, Bary);
+math::Rgb emission_at(const Scene&, std::uint32_t triangle, Bary);
 /// Whether any point of the triangle may emit (factor not black).
 bool is_emissive(const Scene&, std::uint32_t triangle);
 
 /// sRGB code value (0..255) to linear (0..1), IEC 61966-2-1.
 float srgb_to_linear(std::uint8_t code);
 
-}  // namespace kiln::baker
+}  // namespace kiln::scene

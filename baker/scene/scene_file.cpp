@@ -2,14 +2,12 @@
 
 #include <array>
 
-#include "baker/scene/flat_file.h"
+#include "baker/files/flat_file.h"
 #include "baker/scene/scene_records.h"
 #include "proto/sha256.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 namespace {
-
-using namespace scene_records;
 using proto::Expected;
 
 TextureRecord record_of(const Texture& t) {
@@ -65,19 +63,19 @@ struct Records {
 
 }  // namespace
 
-Expected<void> write_scene_file(int fd, const std::string& key, const Scene& scene) {
+proto::Expected<void> write_scene_file(int fd, const std::string& key, const Scene& scene) {
   const Records records(scene);
-  const std::array<FlatSection, kText + 1> sections{
-      flat_section(scene.positions),      flat_section(scene.normals),
-      flat_section(scene.base_uv),        flat_section(scene.emission_uv),
-      flat_section(scene.lightmap_uv),    flat_section(scene.colors),
-      flat_section(scene.source_vertex),  flat_section(scene.triangles),
-      flat_section(records.parts),        flat_section(records.instances),
-      flat_section(records.materials),    flat_section(records.images),
-      flat_section(scene.image_texels),   flat_section(records.sky),
-      flat_section(scene.sky_map.texels), flat_section(records.lights),
-      flat_section(records.warnings),     FlatSection{1, records.text}};
+  const std::array<files::FlatSection, kText + 1> sections{
+      files::flat_section(scene.positions),      files::flat_section(scene.normals),
+      files::flat_section(scene.base_uv),        files::flat_section(scene.emission_uv),
+      files::flat_section(scene.lightmap_uv),    files::flat_section(scene.colors),
+      files::flat_section(scene.source_vertex),  files::flat_section(scene.triangles),
+      files::flat_section(records.parts),        files::flat_section(records.instances),
+      files::flat_section(records.materials),    files::flat_section(records.images),
+      files::flat_section(scene.image_texels),   files::flat_section(records.sky),
+      files::flat_section(scene.sky_map.texels), files::flat_section(records.lights),
+      files::flat_section(records.warnings),     files::FlatSection{1, records.text}};
   return write_flat(fd, header_of(key), sections);
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::scene

@@ -8,7 +8,7 @@
 #include "baker/scene/scene.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 
 /// A Scene as a flat file (flat_file.h): the product of an import, made by a process that may have
 /// been taken over by the bytes it decoded, and read by one that must not be. So the file holds
@@ -34,4 +34,4 @@ proto::Expected<void> write_scene_file(int fd, const std::string& key, const Sce
 proto::Expected<Scene> read_scene_file(std::string_view bytes, const std::string& key,
                                        std::stop_token = {});
 
-}  // namespace kiln::baker
+}  // namespace kiln::scene

@@ -3,16 +3,13 @@
 #include <utility>
 
 #include "baker/exec/stop.h"
-#include "baker/scene/errors.h"
-#include "baker/scene/flat_file.h"
+#include "baker/files/flat_file.h"
+#include "baker/files/utf8.h"
 #include "baker/scene/scene_file.h"
 #include "baker/scene/scene_records.h"
-#include "baker/scene/utf8.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 namespace {
-
-using namespace scene_records;
 using proto::Expected;
 
 constexpr float kMaxCoordinate = 1e9f;
@@ -20,37 +17,39 @@ constexpr float kMaxCoordinate = 1e9f;
 bool is_in(float value, float low, float high) {
   return value >= low && value <= high;  // false for what is no number
 }
-bool is_light(Rgb c) {
+bool is_light(math::Rgb c) {
   constexpr float kMax = std::numeric_limits<float>::max();
   return is_in(c.r, 0, kMax) && is_in(c.g, 0, kMax) && is_in(c.b, 0, kMax);
 }
 /// Unit length, as far as normalising the shortest vectors gives it.
-bool is_direction(Vec3 v) {
+bool is_direction(math::Vec3 v) {
   return is_in(dot(v, v), 0.25f, 4);
 }
 
 class Reader {
  public:
-  Reader(const FlatFile& file, std::stop_token stop) : file_(file), stop_(stop), stopped_(stop) {}
+  Reader(const files::FlatFile& file, std::stop_token stop)
+      : file_(file), stop_(stop), stopped_(stop) {}
 
-  Expected<Scene> read() {
+  proto::Expected<Scene> read() {
     for (const auto step : {&Reader::copy_arrays, &Reader::read_materials, &Reader::read_instances,
                             &Reader::read_vertices, &Reader::read_triangles, &Reader::read_sky,
                             &Reader::read_lights, &Reader::read_warnings})
       if (auto ok = (this->*step)(); !ok) return proto::Unexpected(ok.error());
-    if (text_at_ != file_.bytes(kText).size()) return bad_flat_file("it has text that nobody owns");
+    if (text_at_ != file_.bytes(kText).size())
+      return files::bad_flat_file("it has text that nobody owns");
     return std::move(scene_);
   }
 
  private:
-  Expected<void> copy_arrays() {
+  proto::Expected<void> copy_arrays() {
     const bool all = copy(kPositions, scene_.positions) && copy(kNormals, scene_.normals) &&
                      copy(kBaseUv, scene_.base_uv) && copy(kEmissionUv, scene_.emission_uv) &&
                      copy(kLightmapUv, scene_.lightmap_uv) && copy(kColors, scene_.colors) &&
                      copy(kSourceVertex, scene_.source_vertex) &&
                      copy(kTriangles, scene_.triangles) && copy(kTexels, scene_.image_texels) &&
                      copy(kSkyTexels, scene_.sky_map.texels);
-    if (!all || stop_.stop_requested()) return canceled();
+    if (!all || stop_.stop_requested()) return exec::canceled();
     return {};
   }
 
@@ -59,7 +58,7 @@ class Reader {
     return file_.copy_records(section, to, stop_);
   }
 
-  Expected<void> read_materials() {
+  proto::Expected<void> read_materials() {
     std::uint64_t first = 0;
     for (const ImageRecord& r : file_.records<ImageRecord>(kImages)) {
       const std::uint64_t texels = std::uint64_t(r.width) * r.height;  // below 2^64
@@ -97,7 +96,7 @@ class Reader {
   }
 
   /// Instances with their parts, which follow each other without gaps.
-  Expected<void> read_instances() {
+  proto::Expected<void> read_instances() {
     constexpr std::uint64_t kMaxCount = 0xffffffffu;
     const auto parts = file_.records<PartRecord>(kParts);
     if (scene_.positions.size() > kMaxCount || scene_.triangles.size() > kMaxCount ||
@@ -142,15 +141,15 @@ class Reader {
   }
 
   /// Texture coordinates of the materials may be anything: whoever samples an image bounds them.
-  Expected<void> read_vertices() {
+  proto::Expected<void> read_vertices() {
     const std::size_t n = scene_.positions.size();
     if (scene_.normals.size() != n || scene_.base_uv.size() != n ||
         scene_.emission_uv.size() != n || scene_.lightmap_uv.size() != n ||
         scene_.colors.size() != n || scene_.source_vertex.size() != n)
       return bad("the vertices");
     for (std::size_t i = 0; i < n; ++i) {
-      if (stopped_()) return canceled();
-      const Vec2 uv = scene_.lightmap_uv[i];
+      if (stopped_()) return exec::canceled();
+      const math::Vec2 uv = scene_.lightmap_uv[i];
       const Color& c = scene_.colors[i];
       if (!is_finite(scene_.positions[i]) || max_abs(scene_.positions[i]) > kMaxCoordinate ||
           !is_direction(scene_.normals[i]) || !std::isfinite(uv.x) || !std::isfinite(uv.y) ||
@@ -161,9 +160,9 @@ class Reader {
     return {};
   }
 
-  Expected<void> read_triangles() {
+  proto::Expected<void> read_triangles() {
     for (std::size_t t = 0; t < scene_.triangles.size(); ++t) {
-      if (stopped_()) return canceled();
+      if (stopped_()) return exec::canceled();
       const Part& part = scene_.parts[scene_.triangle_part[t]];
       const Triangle& v = scene_.triangles[t];
       for (const std::uint32_t i : v)  // below first_vertex, the difference is large
@@ -174,7 +173,7 @@ class Reader {
     return {};
   }
 
-  Expected<void> read_sky() {
+  proto::Expected<void> read_sky() {
     SkyMap& map = scene_.sky_map;
     const auto records = file_.records<SkyRecord>(kSky);
     if (records.size() > 1 || records.empty() != map.empty()) return bad("the sky map");
@@ -184,8 +183,8 @@ class Reader {
     if (map.width != 2 * std::uint64_t(map.height) ||
         std::uint64_t(map.width) * map.height != map.texels.size())
       return bad("the sky map");
-    for (const Rgb& c : map.texels) {
-      if (stopped_()) return canceled();
+    for (const math::Rgb& c : map.texels) {
+      if (stopped_()) return exec::canceled();
       if (!is_in(c.r, 0, kMaxSkyValue) || !is_in(c.g, 0, kMaxSkyValue) ||
           !is_in(c.b, 0, kMaxSkyValue))
         return bad("the sky map");
@@ -193,7 +192,7 @@ class Reader {
     return {};
   }
 
-  Expected<void> read_lights() {
+  proto::Expected<void> read_lights() {
     for (const LightRecord& r : file_.records<LightRecord>(kLights)) {
       if (r.type > std::uint32_t(PunctualType::kSpot) || !is_light(r.intensity) ||
           !is_finite(r.position) || !is_direction(r.direction) || !(r.range >= 0) ||
@@ -205,7 +204,7 @@ class Reader {
     return {};
   }
 
-  Expected<void> read_warnings() {
+  proto::Expected<void> read_warnings() {
     for (const WarningRecord& r : file_.records<WarningRecord>(kWarnings)) {
       proto::Warning w;
       if (!read_text(r.code_bytes, w.code) || !read_text(r.pointer_bytes, w.pointer) ||
@@ -221,16 +220,16 @@ class Reader {
     if (size > text.size() - text_at_) return false;
     out = text.substr(text_at_, size);
     text_at_ += size;
-    return is_utf8(out);
+    return files::is_utf8(out);
   }
 
   static proto::Unexpected bad(const char* what) {
-    return bad_flat_file(std::string(what) + " is not what an import makes");
+    return files::bad_flat_file(std::string(what) + " is not what an import makes");
   }
 
-  const FlatFile& file_;
+  const files::FlatFile& file_;
   std::stop_token stop_;
-  StopPoll stopped_;
+  exec::StopPoll stopped_;
   Scene scene_;
   std::uint64_t vertices_ = 0, triangles_ = 0;  ///< of the parts so far
   std::size_t text_at_ = 0;
@@ -238,11 +237,11 @@ class Reader {
 
 }  // namespace
 
-Expected<Scene> read_scene_file(std::string_view bytes, const std::string& key,
-                                std::stop_token stop) {
-  const auto file = FlatFile::open(bytes, header_of(key), kRecordBytes);
+proto::Expected<Scene> read_scene_file(std::string_view bytes, const std::string& key,
+                                       std::stop_token stop) {
+  const auto file = files::FlatFile::open(bytes, header_of(key), kRecordBytes);
   if (!file) return proto::Unexpected(file.error());
   return Reader(*file, std::move(stop)).read();
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::scene

@@ -4,12 +4,12 @@
 #include <cstdint>
 #include <string>
 
-#include "baker/scene/flat_file.h"
+#include "baker/files/flat_file.h"
 #include "baker/scene/scene.h"
 #include "baker/scene/scene_file.h"
 
 /// The layout of a scene file (scene_file.h), which its writer and its reader share.
-namespace kiln::baker::scene_records {
+namespace kiln::scene {
 
 // Records: fixed sizes, no padding, no bool, no enumeration, nothing that some bits can't be.
 struct PartRecord {
@@ -23,7 +23,7 @@ struct TextureRecord {
   std::uint32_t wrap_u, wrap_v, nearest;
 };
 struct MaterialRecord {
-  Rgb base_color, emission;
+  math::Rgb base_color, emission;
   TextureRecord base_texture, emission_texture;
   std::uint32_t double_sided, alpha_mode;
   float alpha_cutoff;
@@ -37,8 +37,8 @@ struct SkyRecord {
 };
 struct LightRecord {
   std::uint32_t type;
-  Rgb intensity;
-  Vec3 position, direction;
+  math::Rgb intensity;
+  math::Vec3 position, direction;
   float range, cos_inner, cos_outer;
 };
 struct WarningRecord {
@@ -69,15 +69,15 @@ enum Section : std::size_t {
   kText,  ///< names of instances, then code, pointer and message of each warning
 };
 inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
-    sizeof(Vec3),           sizeof(Vec3),           sizeof(Vec2),
-    sizeof(Vec2),           sizeof(Vec2),           sizeof(Color),
+    sizeof(math::Vec3),     sizeof(math::Vec3),     sizeof(math::Vec2),
+    sizeof(math::Vec2),     sizeof(math::Vec2),     sizeof(Color),
     sizeof(std::uint32_t),  sizeof(Triangle),       sizeof(PartRecord),
     sizeof(InstanceRecord), sizeof(MaterialRecord), sizeof(ImageRecord),
-    sizeof(Texel),          sizeof(SkyRecord),      sizeof(Rgb),
+    sizeof(Texel),          sizeof(SkyRecord),      sizeof(math::Rgb),
     sizeof(LightRecord),    sizeof(WarningRecord),  1};
 
-inline FlatHeader header_of(const std::string& key) {
-  return {FlatKind::kScene, kSceneFileVersion, key};
+inline files::FlatHeader header_of(const std::string& key) {
+  return {files::FlatKind::kScene, kSceneFileVersion, key};
 }
 
-}  // namespace kiln::baker::scene_records
+}  // namespace kiln::scene

@@ -1,24 +1,24 @@
 #include "baker/solver/footprint.h"
 
-#include "baker/solver/sampling.h"
-#include "baker/solver/sobol.h"
+#include "baker/sampling/shapes.h"
+#include "baker/sampling/sobol.h"
 
-namespace kiln::baker {
+namespace kiln::solver {
 
 Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
   const bool back = in.texels.is_back(texel);
   const auto points = in.texels.points_of(texel);
-  std::uint32_t last_triangle = kNoHit;
-  Vec3 ng, centroid;
+  std::uint32_t last_triangle = trace::kNoHit;
+  math::Vec3 ng, centroid;
   for (std::uint32_t i = 0; i < kPoints; ++i) {
-    const Bary bary = points[i].bary();
+    const scene::Bary bary = points[i].bary();
     if (points[i].triangle != last_triangle) {
       last_triangle = points[i].triangle;
-      ng = baker::geometric_normal(in.scene, last_triangle);
-      centroid = position_at(in.scene, last_triangle, kCentroid);
+      ng = scene::geometric_normal(in.scene, last_triangle);
+      centroid = position_at(in.scene, last_triangle, scene::kCentroid);
     }
     const auto& v = in.scene.triangles[last_triangle];
-    Vec3 ns = normalize(
+    math::Vec3 ns = normalize(
         interpolate(in.scene.normals[v[0]], in.scene.normals[v[1]], in.scene.normals[v[2]], bary),
         ng);
     if (dot(ns, ng) < 0) ns = -ns;
@@ -29,13 +29,13 @@ Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
   }
 }
 
-PointFrames Footprint::frames() const {
-  PointFrames f;
-  const auto put = [](float(&plane)[3][kPoints], std::uint32_t i, Vec3 v) {
+simd::PointFrames Footprint::frames() const {
+  simd::PointFrames f;
+  const auto put = [](float(&plane)[3][kPoints], std::uint32_t i, math::Vec3 v) {
     plane[0][i] = v.x, plane[1][i] = v.y, plane[2][i] = v.z;
   };
   for (std::uint32_t i = 0; i < kPoints; ++i) {
-    const Frame frame(shading_normal[i]);
+    const sampling::Frame frame(shading_normal[i]);
     put(f.position, i, position[i]);
     put(f.origin, i, origin[i]);
     put(f.geometric_normal, i, geometric_normal[i]);
@@ -48,8 +48,8 @@ PointFrames Footprint::frames() const {
 
 std::uint32_t texel_seed(const SolverInput& in, std::uint32_t texel, Purpose purpose) {
   const std::uint64_t seed = in.settings.seed;
-  return hash(hash(std::uint32_t(seed), std::uint32_t(seed >> 32)), texel,
-              static_cast<std::uint32_t>(purpose));
+  return sampling::hash(sampling::hash(std::uint32_t(seed), std::uint32_t(seed >> 32)), texel,
+                        static_cast<std::uint32_t>(purpose));
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -2,21 +2,21 @@
 
 #include <array>
 
-#include "baker/solver/simd/kernels.h"
+#include "baker/simd/kernels.h"
 #include "baker/solver/solver.h"
 
-namespace kiln::baker {
+namespace kiln::solver {
 
 /// The sample points of one texel, ready for tracing. Twins on the back have their normals turned.
 struct Footprint {
-  static constexpr std::uint32_t kPoints = TextureGroup::kPointsPerTexel;
-  std::array<Vec3, kPoints> position;                          ///< on the surface, m
-  std::array<Vec3, kPoints> origin;                            ///< moved off the surface, m
-  std::array<Vec3, kPoints> geometric_normal, shading_normal;  ///< unit
+  static constexpr std::uint32_t kPoints = atlas::TextureGroup::kPointsPerTexel;
+  std::array<math::Vec3, kPoints> position;                          ///< on the surface, m
+  std::array<math::Vec3, kPoints> origin;                            ///< moved off the surface, m
+  std::array<math::Vec3, kPoints> geometric_normal, shading_normal;  ///< unit
 
   Footprint(const SolverInput&, std::uint32_t texel);
 
-  PointFrames frames() const;
+  simd::PointFrames frames() const;
 
   /// Which of sixteen consecutive samples of a sequence goes with a point: a permutation, linear in
   /// the bits. The points are a Sobol net themselves (see SamplePoint), so with its own number each
@@ -36,4 +36,4 @@ std::uint32_t texel_seed(const SolverInput&, std::uint32_t texel, Purpose);
 /// Hashed with such a seed: for the directions that are drawn from the bright parts of the sky.
 inline constexpr std::uint32_t kSkyDraws = 0x736b79;
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

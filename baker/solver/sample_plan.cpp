@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kiln::baker {
+namespace kiln::solver {
 namespace {
 
 /// Samples that a target starts with: about as many as bring the error to within a few doublings
@@ -41,4 +41,4 @@ SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::Quality
   return plan;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -2,10 +2,10 @@
 
 #include <cstdint>
 
-#include "baker/solver/sky_light.h"
+#include "baker/light/sky_light.h"
 #include "proto/bake_settings.h"
 
-namespace kiln::baker {
+namespace kiln::solver {
 
 /// How many samples a gather takes of each texel: so many at first, and then twice as many again
 /// and again where the error is above its target.
@@ -19,7 +19,7 @@ struct SamplePlan {
 
 /// The samples at first are what weighs the two ways of finding the sky: rounds add to either, and
 /// each estimates its own part of the sky's light whatever their number.
-inline SkyShares sky_shares(const SamplePlan& plan) {
+inline light::SkyShares sky_shares(const SamplePlan& plan) {
   return {float(plan.shadow_rays), float(plan.directions)};
 }
 
@@ -28,4 +28,4 @@ inline SkyShares sky_shares(const SamplePlan& plan) {
 SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
                        bool many_lights = false);
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -7,10 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "baker/solver/gather.h"
-#include "baker/solver/path.h"
-
-namespace kiln::baker {
+namespace kiln::solver {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -27,8 +24,8 @@ struct Change {
 };
 
 /// Nothing when stopped.
-std::optional<Change> measure(const TextureGroup& texels, const Lightmap& before,
-                              const Lightmap& after, const Workers& workers) {
+std::optional<Change> measure(const atlas::TextureGroup& texels, const lightmap::Lightmap& before,
+                              const lightmap::Lightmap& after, const exec::Workers& workers) {
   constexpr std::uint32_t kRunTexels = 16384;
   struct Sums {
     double area = 0, light = 0, moved = 0;
@@ -38,7 +35,7 @@ std::optional<Change> measure(const TextureGroup& texels, const Lightmap& before
     Sums& run = runs[begin / kRunTexels];
     for (std::uint32_t t = begin; t < end; ++t) {
       const double a = texels.area_m2[t];
-      const Rgb now = after.irradiance(t), then = before.irradiance(t);
+      const math::Rgb now = after.irradiance(t), then = before.irradiance(t);
       run.area += a;
       run.light += a * (double(now.r) + now.g + now.b) / 3;
       run.moved += a *
@@ -61,9 +58,9 @@ std::optional<Change> measure(const TextureGroup& texels, const Lightmap& before
 class PassRun {
  public:
   /// @param done what need not be computed
-  PassRun(Solver& solver, const Pass& pass, std::shared_ptr<const Lightmap> before,
-          std::shared_ptr<Lightmap> after, const Workers& workers, const SolveHooks& hooks,
-          const PassProgress& done, Clock::time_point start)
+  PassRun(Solver& solver, const Pass& pass, std::shared_ptr<const lightmap::Lightmap> before,
+          std::shared_ptr<lightmap::Lightmap> after, const exec::Workers& workers,
+          const SolveHooks& hooks, const PassProgress& done, Clock::time_point start)
       : solver_(solver),
         pass_(pass),
         before_(std::move(before)),
@@ -113,9 +110,9 @@ class PassRun {
 
   Solver& solver_;
   const Pass& pass_;
-  const std::shared_ptr<const Lightmap> before_;
-  const std::shared_ptr<Lightmap> after_;
-  const Workers& workers_;
+  const std::shared_ptr<const lightmap::Lightmap> before_;
+  const std::shared_ptr<lightmap::Lightmap> after_;
+  const exec::Workers& workers_;
   const SolveHooks& hooks_;
   const PassProgress restored_;
   const std::uint32_t texels_, batches_;
@@ -128,9 +125,10 @@ class PassRun {
 
 /// Nothing when stopped.
 proto::Expected<std::optional<proto::PassReport>> run_pass(
-    Solver& solver, const Pass& pass, const TextureGroup& texels,
-    const std::shared_ptr<const Lightmap>& before, const std::shared_ptr<Lightmap>& after,
-    const Workers& workers, const SolveHooks& hooks) {
+    Solver& solver, const Pass& pass, const atlas::TextureGroup& texels,
+    const std::shared_ptr<const lightmap::Lightmap>& before,
+    const std::shared_ptr<lightmap::Lightmap>& after, const exec::Workers& workers,
+    const SolveHooks& hooks) {
   if (hooks.before_pass) hooks.before_pass(pass);
   const auto start = Clock::now();
   bool whole = solver.begin(pass, *before, *after, workers);
@@ -157,22 +155,13 @@ proto::Expected<std::optional<proto::PassReport>> run_pass(
 
 }  // namespace
 
-std::unique_ptr<Solver> make_solver(const SolverInput& in) {
-  switch (in.settings.method) {
-    case proto::Method::kPath:
-      return make_path_solver(in);
-    case proto::Method::kGather:
-      break;
-  }
-  return make_gather_solver(in, std::uint64_t(in.settings.hit_memory_mib) << 20);
-}
-
-proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, ThreadPool& pool,
-                                std::stop_token stop, const SolveHooks& hooks, SolveStart from) {
+proto::Expected<Solution> solve(Solver& solver, const atlas::TextureGroup& texels,
+                                exec::ThreadPool& pool, std::stop_token stop,
+                                const SolveHooks& hooks, SolveStart from) {
   Solution solution;
   solution.passes = std::move(from.passes);
-  std::shared_ptr<const Lightmap> before = std::move(from.light);
-  if (!before) before = std::make_shared<Lightmap>(texels.size());
+  std::shared_ptr<const lightmap::Lightmap> before = std::move(from.light);
+  if (!before) before = std::make_shared<lightmap::Lightmap>(texels.size());
   for (std::size_t i = 0; i < solution.passes.size(); ++i)
     if (const auto pass = solver.next(std::span(solution.passes).first(i)))
       solution.tail_scale = std::max(solution.tail_scale, pass->tail_scale);
@@ -182,10 +171,10 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   const auto enough = [&] {
     return hooks.enough.stop_requested() && !stop.stop_requested() && !solution.passes.empty();
   };
-  const Workers workers{pool, either.get_token()};
+  const exec::Workers workers{pool, either.get_token()};
   while (const auto pass = solver.next(solution.passes)) {
     if (enough()) break;
-    auto after = std::make_shared<Lightmap>(*before);
+    auto after = std::make_shared<lightmap::Lightmap>(*before);
     const auto ran = run_pass(solver, *pass, texels, before, after, workers, hooks);
     if (!ran) return proto::Unexpected(ran.error());
     if (!*ran && enough()) break;
@@ -205,4 +194,4 @@ proto::Expected<Solution> solve(Solver& solver, const TextureGroup& texels, Thre
   return solution;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

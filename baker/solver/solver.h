@@ -8,28 +8,28 @@
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
+#include "baker/denoise/filter_bank.h"
 #include "baker/exec/workers.h"
+#include "baker/light/light_set.h"
+#include "baker/lightmap/lightmap.h"
 #include "baker/scene/scene.h"
-#include "baker/solver/filter/filter_bank.h"
-#include "baker/solver/light_set.h"
-#include "baker/solver/lightmap.h"
 #include "baker/solver/sample_plan.h"
-#include "baker/solver/texel_lookup.h"
 #include "baker/solver/work.h"
 #include "baker/trace/ray_scene.h"
+#include "baker/trace/texel_surface.h"
 #include "proto/bake_settings.h"
 #include "proto/manifest.h"
 
-namespace kiln::baker {
+namespace kiln::solver {
 
 /// What every method reads. Outlives the solver; immutable.
 struct SolverInput {
-  const Scene& scene;
-  const Atlas& atlas;
-  const TextureGroup& texels;
-  const RayScene& rays;
-  const LightSet& lights;
-  const TexelLookup& lookup;
+  const scene::Scene& scene;
+  const atlas::Atlas& atlas;
+  const atlas::TextureGroup& texels;
+  const trace::RayScene& rays;
+  const light::LightSet& lights;
+  const trace::TexelLookup& lookup;
   proto::SolverSettings settings;
   SamplePlan plan = sample_plan(settings, {});
   bool filter = true;  ///< smooth the light that is gathered
@@ -64,15 +64,17 @@ class Solver {
   virtual double work_share(const Pass&, double share) const { return share; }
   /// Called once before the pass's batches, from one thread. `after` is a copy of `before`; makes
   /// its own the planes that the pass changes. False when stopped.
-  virtual bool begin(const Pass&, const Lightmap& before, Lightmap& after, const Workers&) = 0;
+  virtual bool begin(const Pass&, const lightmap::Lightmap& before, lightmap::Lightmap& after,
+                     const exec::Workers&) = 0;
   /// Computes the texels of `range` from the light before the pass; writes no others. Ranges begin
   /// at multiples of pass.batch_texels.
   /// @return rays traced
-  virtual std::uint64_t run(const Pass&, const Lightmap& before, TexelRange range,
-                            Lightmap& after) = 0;
+  virtual std::uint64_t run(const Pass&, const lightmap::Lightmap& before, atlas::TexelRange range,
+                            lightmap::Lightmap& after) = 0;
   /// Called once after the pass's batches, from one thread. Says in the report what only the method
   /// knows. False when stopped.
-  virtual bool finish(const Pass&, Lightmap& /*after*/, const Workers&, proto::PassReport&) {
+  virtual bool finish(const Pass&, lightmap::Lightmap& /*after*/, const exec::Workers&,
+                      proto::PassReport&) {
     return true;
   }
   /// What passes with `fills_state` leave beside the light for later ones, until one of them
@@ -82,7 +84,8 @@ class Solver {
   /// How gathered rays are put into packets, see PacketPlan; empty where none are.
   virtual std::string ray_pattern() const { return {}; }
   /// The light as it is to be shown, with what is known of its error. Nothing when stopped.
-  virtual std::optional<FilteredLight> filtered(const Lightmap&, const Workers&) = 0;
+  virtual std::optional<denoise::FilteredLight> filtered(const lightmap::Lightmap&,
+                                                         const exec::Workers&) = 0;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::solver

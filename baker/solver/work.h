@@ -3,7 +3,7 @@
 #include <array>
 #include <cstddef>
 
-namespace kiln::baker {
+namespace kiln::solver {
 
 /// Expected effort, for the estimates of progress and of the time that is left, nothing else: about
 /// what a shadow ray costs for every texel. By kind, since the ratios between kinds differ by four
@@ -39,4 +39,4 @@ inline constexpr double kFilter = 14;        ///< filtering and judging the ligh
 inline constexpr double kOutput = 7;         ///< writing a texel
 
 }  // namespace work
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace kiln::baker {
+namespace kiln::trace {
 namespace {
 
 /// The build calls this now and then; returning false ends it.
@@ -61,7 +61,7 @@ struct RayScene::Impl {
   }
 };
 
-void RayPacket::set(std::uint32_t i, Vec3 origin, Vec3 direction, float far) {
+void RayPacket::set(std::uint32_t i, math::Vec3 origin, math::Vec3 direction, float far) {
   org_x[i] = origin.x, org_y[i] = origin.y, org_z[i] = origin.z;
   dir_x[i] = direction.x, dir_y[i] = direction.y, dir_z[i] = direction.z;
   t_far[i] = far;
@@ -72,7 +72,7 @@ RayScene::RayScene(RayScene&&) noexcept = default;
 RayScene& RayScene::operator=(RayScene&&) noexcept = default;
 RayScene::~RayScene() = default;
 
-proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token stop) {
+proto::Expected<RayScene> RayScene::build(const scene::Scene& scene, std::stop_token stop) {
   auto impl = std::make_unique<Impl>();
   // One thread: jobs build side by side on the pool's threads, not on a second pool behind it.
   impl->device = rtcNewDevice("threads=1");
@@ -80,8 +80,9 @@ proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token st
   impl->scene = rtcNewScene(impl->device);
   rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
   const RTCGeometry mesh = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<Vec3*>(rtcSetNewGeometryBuffer(
-      mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3), scene.positions.size()));
+  auto* vertices = static_cast<math::Vec3*>(
+      rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                              sizeof(math::Vec3), scene.positions.size()));
   auto* indices = static_cast<std::array<std::uint32_t, 3>*>(
       rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                               sizeof(std::uint32_t) * 3, scene.triangles.size()));
@@ -103,8 +104,8 @@ proto::Expected<RayScene> RayScene::build(const Scene& scene, std::stop_token st
   }
   rtcSetSceneProgressMonitorFunction(impl->scene, nullptr, nullptr);
 
-  Vec3 low = scene.positions.front(), high = low;
-  for (const Vec3& p : scene.positions) {
+  math::Vec3 low = scene.positions.front(), high = low;
+  for (const math::Vec3& p : scene.positions) {
     low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
     high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
   }
@@ -146,14 +147,15 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   return blocked & rays.active;
 }
 
-Vec3 RayScene::offset_origin(Vec3 position, Vec3 geometric_normal, Vec3 centroid) const {
+math::Vec3 RayScene::offset_origin(math::Vec3 position, math::Vec3 geometric_normal,
+                                   math::Vec3 centroid) const {
   // About 32 ulp of the largest coordinate: below 8 ulp surfaces shadow themselves, and beyond a
   // fiftieth of a texel contact shadows leak.
   const float offset = std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
-  const Vec3 inwards = centroid - position;
+  const math::Vec3 inwards = centroid - position;
   const float to_centroid = length(inwards);
   const float share = to_centroid > offset ? offset / to_centroid : 1.f;
   return position + geometric_normal * offset + inwards * share;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::trace

@@ -7,7 +7,7 @@
 #include "baker/scene/scene.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::trace {
 
 inline constexpr std::uint32_t kNoHit = 0xffffffffu;
 
@@ -20,7 +20,7 @@ struct alignas(64) RayPacket {
   std::uint32_t active = 0;  ///< bit i: ray i is traced
 
   void activate_first(std::uint32_t count) { active = (1u << count) - 1; }
-  void set(std::uint32_t i, Vec3 origin, Vec3 direction, float far);
+  void set(std::uint32_t i, math::Vec3 origin, math::Vec3 direction, float far);
 };
 
 struct alignas(64) HitPacket {
@@ -32,7 +32,7 @@ struct alignas(64) HitPacket {
 /// The scene's triangles under an Embree BVH. Immutable; callable from many threads.
 class RayScene {
  public:
-  static proto::Expected<RayScene> build(const Scene&, std::stop_token = {});
+  static proto::Expected<RayScene> build(const scene::Scene&, std::stop_token = {});
   RayScene(RayScene&&) noexcept;
   RayScene& operator=(RayScene&&) noexcept;
   ~RayScene();
@@ -47,7 +47,8 @@ class RayScene {
   /// that rays don't meet the triangle they start on, and as far towards the triangle's `centroid`,
   /// at most onto it: from an edge rays would start in the plane of the wall that stands on it, and
   /// pass it.
-  Vec3 offset_origin(Vec3 position, Vec3 geometric_normal, Vec3 centroid) const;
+  math::Vec3 offset_origin(math::Vec3 position, math::Vec3 geometric_normal,
+                           math::Vec3 centroid) const;
 
  private:
   struct Impl;
@@ -55,4 +56,4 @@ class RayScene {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::trace

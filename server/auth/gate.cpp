@@ -5,21 +5,21 @@
 
 #include <memory>
 
-namespace kiln::server {
+namespace kiln::auth {
 namespace {
 
 // What follows "Bearer "; nothing when the header is of another scheme.
-std::optional<std::string_view> bearer(const RequestHead& head) {
+std::optional<std::string_view> bearer(const http::RequestHead& head) {
   const std::string* header = head.header("authorization");
   if (!header) return std::nullopt;
   const auto blank = header->find(' ');
-  if (blank == std::string::npos || !equal_ignoring_case(header->substr(0, blank), "bearer"))
+  if (blank == std::string::npos || !http::equal_ignoring_case(header->substr(0, blank), "bearer"))
     return std::nullopt;
-  return trim_blanks(std::string_view(*header).substr(blank));
+  return http::trim_blanks(std::string_view(*header).substr(blank));
 }
 
 // A browser names the page that a request comes from; our own pages have the service's own name.
-bool is_of_another_site(const RequestHead& head) {
+bool is_of_another_site(const http::RequestHead& head) {
   const std::string* origin = head.header("origin");
   const std::string* host = head.header("host");
   return origin && (!host || (*origin != "http://" + *host && *origin != "https://" + *host));
@@ -36,9 +36,9 @@ bool is_loopback(const sockaddr& address) {
 
 }  // namespace
 
-proto::Expected<Principal> Gate::admit(const RequestHead& head) const {
+proto::Expected<base::Principal> Gate::admit(const http::RequestHead& head) const {
   if (!tokens_.required()) {
-    if (!is_of_another_site(head)) return Principal::anonymous();
+    if (!is_of_another_site(head)) return base::Principal::anonymous();
     return proto::fail("forbidden_origin", "Requests from web pages of other sites are refused.");
   }
   const auto secret = bearer(head);
@@ -61,4 +61,4 @@ bool is_loopback(const std::string& address) {
   return found != nullptr;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

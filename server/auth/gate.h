@@ -6,7 +6,7 @@
 #include "server/auth/token_store.h"
 #include "server/http/head.h"
 
-namespace kiln::server {
+namespace kiln::auth {
 
 /// Decides who a request comes from, by its head alone: before a byte of its body is read.
 class Gate {
@@ -16,7 +16,7 @@ class Gate {
   /// Without tokens everybody is anonymous and may do everything, but web pages of other sites:
   /// those could otherwise use a visitor's browser to reach a service on loopback.
   /// Errors: `unauthorized`, `forbidden_scope`, `forbidden_origin`.
-  proto::Expected<Principal> admit(const RequestHead&) const;
+  proto::Expected<base::Principal> admit(const http::RequestHead&) const;
 
  private:
   TokenStore& tokens_;
@@ -25,4 +25,4 @@ class Gate {
 /// Whether only this machine can reach the address (a name or a number).
 bool is_loopback(const std::string& address);
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kiln::server {
+namespace kiln::auth {
 
 RateLimiter::State RateLimiter::take(const std::string& key, Clock::time_point now) {
   return state(key, now, true);
@@ -38,4 +38,4 @@ RateLimiter::State RateLimiter::state(const std::string& key, Clock::time_point 
   return out;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

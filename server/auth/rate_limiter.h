@@ -6,7 +6,7 @@
 #include <mutex>
 #include <string>
 
-namespace kiln::server {
+namespace kiln::auth {
 
 /// So many requests a minute for each key, all of them at once if it likes: a bucket that holds a
 /// minute's worth and fills evenly. Thread-safe. Keys are tenants and tokens, which are few.
@@ -40,4 +40,4 @@ class RateLimiter {
   std::map<std::string, Bucket> buckets_;  ///< guarded by mutex_
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

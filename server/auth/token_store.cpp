@@ -5,9 +5,9 @@
 #include <algorithm>
 
 #include "proto/sha256.h"
-#include "server/jobs/ids.h"
+#include "server/base/ids.h"
 
-namespace kiln::server {
+namespace kiln::auth {
 namespace {
 
 constexpr std::string_view kSecretPrefix = "lk_";
@@ -50,10 +50,11 @@ std::vector<std::string> split(const std::string& text) {
 }
 
 bool is_valid(const Token& token) {
-  return token.revoked_at.empty() && (token.expires_at.empty() || token.expires_at > now_rfc3339());
+  return token.revoked_at.empty() &&
+         (token.expires_at.empty() || token.expires_at > base::now_rfc3339());
 }
 
-Principal principal_of(const Token& token) {
+base::Principal principal_of(const Token& token) {
   const auto has = [&](const char* scope) {
     return std::find(token.scopes.begin(), token.scopes.end(), scope) != token.scopes.end();
   };
@@ -65,7 +66,7 @@ Principal principal_of(const Token& token) {
 
 TokenStore::TokenStore(const std::filesystem::path& path) : database_(path) {
   const std::lock_guard lock(mutex_);
-  database_.transaction(Database::Durability::kPromise, [&] {
+  database_.transaction(store::Database::Durability::kPromise, [&] {
     database_.run(
         "CREATE TABLE IF NOT EXISTS token ("
         " sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE,"
@@ -84,13 +85,14 @@ proto::Expected<TokenStore::Created> TokenStore::create(const std::string& tenan
   if (scopes.empty() || !std::all_of(scopes.begin(), scopes.end(), is_scope))
     return proto::fail("invalid_request", "A token needs scopes: read, write, admin.");
   Created made;
-  made.secret = new_secret(kSecretPrefix);
+  made.secret = base::new_secret(kSecretPrefix);
   Token& token = made.token;
-  token = {new_id("tok_"), tenant, scopes, now_rfc3339(), "", "", digest_of(made.secret)};
+  token = {base::new_id("tok_"),  tenant, scopes, base::now_rfc3339(), "", "",
+           digest_of(made.secret)};
   if (seconds > 0)
-    token.expires_at = now_rfc3339(std::chrono::seconds(static_cast<std::int64_t>(seconds)));
+    token.expires_at = base::now_rfc3339(std::chrono::seconds(static_cast<std::int64_t>(seconds)));
   const std::lock_guard lock(mutex_);
-  database_.transaction(Database::Durability::kPromise, [&] {
+  database_.transaction(store::Database::Durability::kPromise, [&] {
     auto insert = database_.prepare(
         "INSERT INTO token (id, digest, tenant, scopes, created_at, expires_at)"
         " VALUES (?,?,?,?,?,?)");
@@ -104,10 +106,10 @@ proto::Expected<TokenStore::Created> TokenStore::create(const std::string& tenan
 proto::Expected<void> TokenStore::revoke(const std::string& id) {
   const std::lock_guard lock(mutex_);
   bool found = false;
-  database_.transaction(Database::Durability::kPromise, [&] {
+  database_.transaction(store::Database::Durability::kPromise, [&] {
     auto update = database_.prepare(
         "UPDATE token SET revoked_at=? WHERE id=? AND revoked_at='' RETURNING id");
-    update.bind(1, now_rfc3339()).bind(2, id);
+    update.bind(1, base::now_rfc3339()).bind(2, id);
     while (update.step()) found = true;
   });
   data_version_ = -1;
@@ -151,15 +153,15 @@ bool TokenStore::required() {
   return !tokens_.empty();
 }
 
-std::optional<Principal> TokenStore::authenticate(std::string_view secret) {
+std::optional<base::Principal> TokenStore::authenticate(std::string_view secret) {
   const Digest digest = digest_of(secret);
   const std::lock_guard lock(mutex_);
   refresh();
-  std::optional<Principal> found;
+  std::optional<base::Principal> found;
   for (const Token& token : tokens_)  // all of them: where the match lies must not show
     if (CRYPTO_memcmp(token.digest.data(), digest.data(), digest.size()) == 0 && is_valid(token))
       found = principal_of(token);
   return found;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

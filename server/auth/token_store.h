@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "proto/expected.h"
-#include "server/auth/principal.h"
-#include "server/storage/sqlite.h"
+#include "server/base/principal.h"
+#include "server/store/database.h"
 
-namespace kiln::server {
+namespace kiln::auth {
 
 /// A bearer token as stored. The secret itself is nowhere: only its SHA-256.
 struct Token {
@@ -50,15 +50,15 @@ class TokenStore {
   /// Whether there is, or ever was, a token: then requests need one.
   bool required();
   /// The token's owner, if it is valid now. Takes the same time whichever bytes differ.
-  std::optional<Principal> authenticate(std::string_view secret);
+  std::optional<base::Principal> authenticate(std::string_view secret);
 
  private:
   void refresh();  ///< needs mutex_
 
   std::mutex mutex_;
-  Database database_;
+  store::Database database_;
   std::vector<Token> tokens_;       ///< as of data_version_
   std::int64_t data_version_ = -1;  ///< changes when another process wrote
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::auth

@@ -15,7 +15,7 @@
 #include "server/cli/report.h"
 #include "server/cli/scene_input.h"
 #include "server/cli/settings_input.h"
-#include "server/import/importer.h"
+#include "server/sandbox/importer.h"
 
 namespace kiln::cli {
 namespace {
@@ -56,7 +56,7 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   if (!side) return proto::Unexpected(std::move(side.error()));
   input.files = {flags.scene.path, std::move(*side), input.settings.sky.map};
   // By the service's path, but for its limits: who bakes here has chosen the scene and the machine.
-  input.source = server::Importer({}).open(input.files, input.scene_key, {});
+  input.source = sandbox::Importer({}).open(input.files, input.scene_key, {});
   std::filesystem::create_directories(flags.out, error);
   if (error)
     return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());
@@ -85,7 +85,7 @@ int run_bake(const BakeFlags& flags) {
   const unsigned threads =
       flags.threads != 0 ? flags.threads : std::max(1u, std::thread::hardware_concurrency());
   const Interrupt interrupt;  // Before the pool: its threads inherit the signal mask.
-  baker::ThreadPool pool(threads);
+  exec::ThreadPool pool(threads);
   ProgressView view(ProgressView::style_for(flags.quiet));
   Observer observer(view);
   const auto manifest = baker::bake(*input, pool, interrupt.token(), observer);

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "baker/output/output.h"
-#include "baker/post/post.h"
+#include "baker/output/post.h"
 #include "proto/json.h"
 #include "server/cli/commands.h"
 #include "server/cli/report.h"
@@ -20,13 +20,13 @@ struct CompareFlags {
   std::optional<double> fail_above;
 };
 
-nlohmann::json figures(const baker::CompareResult& r) {
+nlohmann::json figures(const output::CompareResult& r) {
   return {{"texels", r.texels}, {"uncovered", r.uncovered}, {"mean_reference", r.mean_reference},
           {"rmse", r.rmse},     {"nrmse", r.nrmse},         {"rel_rmse", r.rel_rmse},
           {"bias", r.bias},     {"max_abs", r.max_abs},     {"dfpr", r.dfpr}};
 }
 
-void print_figures(const baker::CompareResult& r) {
+void print_figures(const output::CompareResult& r) {
   std::printf("texels compared   %llu\n", static_cast<unsigned long long>(r.texels));
   std::printf("lit in one only   %llu\n", static_cast<unsigned long long>(r.uncovered));
   std::printf("mean of A         %.6g\n", r.mean_reference);
@@ -38,17 +38,17 @@ void print_figures(const baker::CompareResult& r) {
   std::printf("DFPR              %.6g\n", r.dfpr);
 }
 
-proto::Expected<baker::CompareResult> compare_files(const CompareFlags& flags) {
-  const auto a = baker::read_exr(flags.reference);
+proto::Expected<output::CompareResult> compare_files(const CompareFlags& flags) {
+  const auto a = image::read_exr(flags.reference);
   if (!a) return proto::Unexpected(a.error());
-  const auto b = baker::read_exr(flags.candidate);
+  const auto b = image::read_exr(flags.candidate);
   if (!b) return proto::Unexpected(b.error());
   if (a->width != b->width || a->height != b->height)
     return proto::fail("invalid_image", "the images differ in size: " + std::to_string(a->width) +
                                             "x" + std::to_string(a->height) + " and " +
                                             std::to_string(b->width) + "x" +
                                             std::to_string(b->height));
-  return baker::compare(*a, *b);
+  return output::compare(*a, *b);
 }
 
 int run_compare(const CompareFlags& flags) {

@@ -15,8 +15,8 @@ extern char** environ;
 namespace kiln::cli {
 namespace {
 
-using server::LogFormat;
-using server::ServerConfig;
+using base::LogFormat;
+using base::ServerConfig;
 
 constexpr std::string_view kPrefix = "LIGHTKILN_";
 
@@ -89,7 +89,7 @@ bool parse_secrets(ServerConfig& config, const std::string& text) {
 }
 
 bool parse_networks(ServerConfig& config, const std::string& text) {
-  if (!server::Networks::parse(text)) return false;
+  if (!webhooks::Networks::parse(text)) return false;
   config.webhook_networks = text;
   return true;
 }

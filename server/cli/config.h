@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "proto/expected.h"
-#include "server/config.h"
+#include "server/base/config.h"
 
 /// Where a ServerConfig comes from: flags, then LIGHTKILN_* variables, then a TOML file, then
 /// defaults. One table gives the flags and their help, the variables, the file's keys and the echo.
@@ -21,8 +21,8 @@ struct ConfigRow {
   std::string_view expected;  ///< "a number of bytes: 1073741824, 512MiB, 1GiB"
   std::string_view description;
   /// False when the text is not what `expected` says; the config is then unchanged.
-  bool (*parse)(server::ServerConfig&, const std::string& text);
-  std::string (*show)(const server::ServerConfig&);
+  bool (*parse)(base::ServerConfig&, const std::string& text);
+  std::string (*show)(const base::ServerConfig&);
 };
 
 const std::vector<ConfigRow>& config_rows();
@@ -41,7 +41,7 @@ struct ConfigSources {
 };
 
 struct LoadedConfig {
-  server::ServerConfig config;
+  base::ServerConfig config;
   std::map<std::string, std::string>
       origin;  ///< row name -> "flag", "LIGHTKILN_PORT", file, "default"
 };

@@ -9,7 +9,7 @@
 #include "server/cli/commands.h"
 #include "server/cli/report.h"
 #include "server/cli/service_flags.h"
-#include "server/storage/sqlite.h"
+#include "server/store/database.h"
 
 namespace kiln::cli {
 namespace {
@@ -31,7 +31,7 @@ int run_doctor(const ServiceFlags& flags, bool as_json) {
     else
       print(findings);
     return server::worst(findings) == server::Health::kFail ? kFailed : kDone;
-  } catch (const server::DatabaseError& e) {
+  } catch (const store::DatabaseError& e) {
     return report({"io_error", e.what(), {}});
   }
 }

@@ -1,7 +1,7 @@
 #include <CLI/CLI.hpp>
 
 #include "server/cli/commands.h"
-#include "server/import/child.h"
+#include "server/sandbox/child.h"
 
 namespace kiln::cli {
 
@@ -11,7 +11,7 @@ void add_import_stage(CLI::App& app, Run& run) {
   command->group("");  // not for people: kept out of the help
   command->add_option("PID", *parent)->required();
   command->callback(
-      [parent, &run] { run = [parent]() -> int { server::run_import_stage(*parent); }; });
+      [parent, &run] { run = [parent]() -> int { sandbox::run_import_stage(*parent); }; });
 }
 
 }  // namespace kiln::cli

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "baker/scene/generate.h"
+#include "baker/generate/generate.h"
 #include "clients/verified_file.h"
 #include "server/cli/commands.h"
 #include "server/cli/report.h"
@@ -18,13 +18,13 @@ struct SceneFlags {
 };
 
 int print_list() {
-  for (const auto& g : baker::generators())
+  for (const auto& g : generate::generators())
     std::printf("%-18s %s\n", std::string(g.name).c_str(), std::string(g.description).c_str());
   return kDone;
 }
 
 proto::Expected<void> write_scene(const SceneFlags& flags) {
-  auto glb = baker::generate_glb(flags.name, flags.detail);
+  auto glb = generate::generate_glb(flags.name, flags.detail);
   if (!glb) return proto::Unexpected(std::move(glb.error()));
   clients::VerifiedFile file(std::filesystem::absolute(flags.out));
   if (auto ok = file.open(); !ok) return ok;

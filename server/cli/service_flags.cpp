@@ -6,7 +6,7 @@ namespace kiln::cli {
 namespace {
 
 void add_row(CLI::App& command, const ConfigRow& row, const std::shared_ptr<ServiceFlags>& flags) {
-  server::ServerConfig defaults;
+  base::ServerConfig defaults;
   defaults.data = default_data_folder(process_environment());
   const std::string name(row.name);
   const std::string help = std::string(row.description) + "\n[" + row.show(defaults) + "]";

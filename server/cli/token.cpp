@@ -7,7 +7,7 @@
 #include "server/cli/commands.h"
 #include "server/cli/config.h"
 #include "server/cli/report.h"
-#include "server/storage/data_folder.h"
+#include "server/data/data_folder.h"
 
 namespace kiln::cli {
 namespace {
@@ -18,7 +18,7 @@ struct TokenFlags {
   std::uint32_t days = 0;
 };
 
-using Work = std::function<int(server::TokenStore&, const TokenFlags&)>;
+using Work = std::function<int(auth::TokenStore&, const TokenFlags&)>;
 
 // The service's own data folder, found by its own rules; the service may run meanwhile.
 int with_store(const TokenFlags& flags, const Work& work) {
@@ -34,14 +34,14 @@ int with_store(const TokenFlags& flags, const Work& work) {
     return report(
         {"io_error", "can't make the folder " + data.string() + ": " + error.message(), {}});
   try {
-    server::TokenStore store(server::DataFolder::tokens_of(data));
+    auth::TokenStore store(data::DataFolder::tokens_of(data));
     return work(store, flags);
-  } catch (const server::DatabaseError& e) {
+  } catch (const store::DatabaseError& e) {
     return report({"io_error", e.what(), {}});
   }
 }
 
-int create(server::TokenStore& store, const TokenFlags& flags) {
+int create(auth::TokenStore& store, const TokenFlags& flags) {
   constexpr std::uint64_t kDay = 86'400;
   const auto made = store.create(flags.tenant, flags.scopes, flags.days * kDay);
   if (!made) return report(made.error());
@@ -50,7 +50,7 @@ int create(server::TokenStore& store, const TokenFlags& flags) {
   return kDone;
 }
 
-int list(server::TokenStore& store, const TokenFlags&) {
+int list(auth::TokenStore& store, const TokenFlags&) {
   for (const auto& token : store.list()) {
     std::string scopes;
     for (const auto& scope : token.scopes) scopes += (scopes.empty() ? "" : ",") + scope;
@@ -63,7 +63,7 @@ int list(server::TokenStore& store, const TokenFlags&) {
   return kDone;
 }
 
-int revoke(server::TokenStore& store, const TokenFlags& flags) {
+int revoke(auth::TokenStore& store, const TokenFlags& flags) {
   const auto done = store.revoke(flags.id);
   return done ? int{kDone} : report(done.error());
 }

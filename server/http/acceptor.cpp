@@ -14,10 +14,10 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "server/base/log.h"
 #include "server/http/listen.h"
-#include "server/log.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 std::uint16_t port_of(int fd) {
@@ -96,7 +96,7 @@ void Acceptor::loop() {
     // The socket is gone: a service that can't be reached any more helps nobody.
     while (!stopping_ && !bind(port_)) pause(kRebindMs);
     if (stopping_) return;
-    log_line(LogLevel::kWarn, "http.rebound", {{"server", name_}, {"port", port_}});
+    log_line(base::LogLevel::kWarn, "http.rebound", {{"server", name_}, {"port", port_}});
   }
 }
 
@@ -114,14 +114,15 @@ bool Acceptor::accept_one() {
   }
   const int error = errno;
   if (is_lasting(error)) {
-    log_line(LogLevel::kError, "http.listen",
+    log_line(base::LogLevel::kError, "http.listen",
              {{"server", name_}, {"what", std::strerror(error)}, {"then", "binding again"}});
     return false;
   }
   if (!is_shortage(error)) return true;  // an error of that connection
-  log_line(LogLevel::kWarn, "http.accept", {{"server", name_}, {"what", std::strerror(error)}});
+  log_line(base::LogLevel::kWarn, "http.accept",
+           {{"server", name_}, {"what", std::strerror(error)}});
   pause(kShortageMs);
   return true;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -10,7 +10,7 @@
 #include "proto/expected.h"
 #include "proto/files.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Listens on an address and hands each connection on, from a thread of its own. Sockets are
 /// close-on-exec from their first moment, non-blocking, and send without Nagle's delay.
@@ -43,4 +43,4 @@ class Acceptor {
   std::thread thread_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

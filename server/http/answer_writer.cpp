@@ -8,7 +8,7 @@
 
 #include "server/http/content.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 /// The exchange as the library's stream: the checked head in, the answer out.
@@ -129,4 +129,4 @@ AnswerWriter::End AnswerWriter::write(Exchange& exchange) {
   return ok && !exchange.close ? End::kKeep : End::kClose;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

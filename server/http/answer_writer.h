@@ -4,7 +4,7 @@
 
 #include "server/http/exchange.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Writes answers, by cpp-httplib. Thread-safe.
 class AnswerWriter {
@@ -25,4 +25,4 @@ class AnswerWriter {
   std::unique_ptr<Library> library_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

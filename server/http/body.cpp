@@ -5,7 +5,7 @@
 #include <charconv>
 #include <string_view>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 constexpr std::size_t kMaxTrailers = 64;
@@ -75,4 +75,4 @@ bool BodyReader::read_trailers() {
   return false;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

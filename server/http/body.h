@@ -8,7 +8,7 @@
 
 #include "server/http/head.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// A request's body, its framing taken off: Content-Length or chunked. Bounded memory.
 class BodyReader {
@@ -37,4 +37,4 @@ class BodyReader {
   bool started_ = false;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

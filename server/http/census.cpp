@@ -3,7 +3,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
-namespace kiln::server {
+namespace kiln::http {
 
 std::string peer_key(int socket) {
   sockaddr_storage address{};
@@ -44,4 +44,4 @@ Census::Entry Census::enter(int socket) {
   return {Place(this, leave), Refusal::kNone};
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -6,7 +6,7 @@
 #include <mutex>
 #include <string>
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Counts open connections, in all and by peer, so that nobody takes everyone's places. A peer is
 /// an IPv4 address or an IPv6 network of 64 bits, which is what one customer gets. Thread-safe.
@@ -39,4 +39,4 @@ class Census {
 /// Names the peer of a socket as Census counts it; "" when it has none.
 std::string peer_key(int socket);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

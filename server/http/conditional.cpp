@@ -4,7 +4,7 @@
 #include <charconv>
 #include <optional>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 // Digits only. A number beyond 64 bits counts as the largest: it is past any file's end.
@@ -77,4 +77,4 @@ Selection select_content(const RequestHead& head, std::string_view etag, std::ui
   return resolve(text, size).value_or(whole);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

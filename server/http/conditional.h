@@ -6,7 +6,7 @@
 
 #include "server/http/head.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// What a request for a file is answered with.
 struct Selection {
@@ -24,4 +24,4 @@ bool matches_etag(std::string_view list, std::string_view etag);
 /// The same by strong comparison, as If-Match asks for: a weak tag names nothing.
 bool matches_strongly(std::string_view list, std::string_view etag);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

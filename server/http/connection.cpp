@@ -12,7 +12,7 @@
 
 #include "server/http/head.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 constexpr std::size_t kRead = std::size_t{64} * 1024;
@@ -153,4 +153,4 @@ bool Connection::discard() {
   return true;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -10,7 +10,7 @@
 #include "proto/files.h"
 #include "server/http/census.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// How long and how slow a peer may be.
 struct EdgeLimits {
@@ -80,4 +80,4 @@ class Connection {
   std::uint64_t read_ = 0, written_ = 0;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

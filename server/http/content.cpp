@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace kiln::server {
+namespace kiln::http {
 
 ContentPart ContentPart::of(std::string text) {
   ContentPart part;
@@ -54,4 +54,4 @@ std::int64_t read_content(const Content& content, std::uint64_t at, char* out, s
   return 0;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -7,7 +7,7 @@
 
 #include "proto/files.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// A part of an answer's content: bytes in memory, or a range of a file.
 struct ContentPart {
@@ -28,4 +28,4 @@ Content slice(const Content&, std::uint64_t offset, std::uint64_t length);
 /// Reads up to n bytes from `at` on: > 0, or <= 0 when a file is shorter than it was.
 std::int64_t read_content(const Content&, std::uint64_t at, char* out, std::size_t n);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

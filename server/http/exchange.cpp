@@ -3,11 +3,11 @@
 #include <new>
 #include <nlohmann/json.hpp>
 
+#include "server/base/log.h"
 #include "server/http/problem.h"
-#include "server/log.h"
-#include "server/storage/sqlite.h"
+#include "server/store/database.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 Exchange::Exchange(Connection& c, RequestHead h, std::string id)
     : connection(c),
@@ -26,7 +26,7 @@ ssize_t Exchange::read_body(char* out, std::size_t n) {
 
 void Exchange::ask(const Handler& handler, const Lobby& lobby) {
   const auto report = [&](const char* what) {
-    log_line(LogLevel::kError, "http.exception", {{"path", head.path}, {"what", what}});
+    log_line(base::LogLevel::kError, "http.exception", {{"path", head.path}, {"what", what}});
   };
   const auto fail = [&](const char* code, const char* message) {
     response = problem({code, message, {}}, request);
@@ -37,7 +37,7 @@ void Exchange::ask(const Handler& handler, const Lobby& lobby) {
     bell = lobby.bell(connection);
     watch_ = response.later->watch([bell = bell] { Lobby::Bell::ring(bell); });
     return;
-  } catch (const DatabaseError& e) {
+  } catch (const store::DatabaseError& e) {
     report(e.what());
     if (e.disk_full) return fail("storage_full", "The disk of the service is full.");
   } catch (const std::bad_alloc&) {
@@ -63,4 +63,4 @@ Connection::Clock::duration Exchange::own_time() const {
   return time() - connection.waited() - request.asleep;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -13,7 +13,7 @@
 #include "server/http/lobby.h"
 #include "server/http/message.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// One request and its answer on a connection. Used by one thread at a time.
 struct Exchange {
@@ -53,4 +53,4 @@ struct Exchange {
   std::shared_ptr<const void> watch_;  ///< what Later::watch returned
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

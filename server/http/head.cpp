@@ -4,7 +4,7 @@
 #include <array>
 #include <charconv>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using proto::fail;
@@ -37,7 +37,7 @@ int hex_digit(char c) {
 }
 
 proto::Unexpected bad(const char* what) {
-  return fail("bad_request", what);
+  return proto::fail("bad_request", what);
 }
 
 // Cuts the next line off `rest`; nothing when it does not end with CRLF.
@@ -67,7 +67,7 @@ proto::Expected<void> parse_query(std::string_view query, RequestHead& head) {
 
 proto::Expected<void> parse_target(RequestHead& head) {
   if (head.target.size() > HeadLimits::kTarget)
-    return fail("uri_too_long", "The request target has over 4,096 bytes.");
+    return proto::fail("uri_too_long", "The request target has over 4,096 bytes.");
   std::string_view target = head.target;
   // The absolute form is legal towards a server too.
   if (target.starts_with("http://") || target.starts_with("https://")) {
@@ -80,7 +80,8 @@ proto::Expected<void> parse_target(RequestHead& head) {
   const auto mark = target.find('?');
   const auto path = percent_decode(target.substr(0, mark), false);
   if (!path) return bad("The path has a malformed percent sequence or a control character.");
-  if (path->size() > HeadLimits::kPath) return fail("uri_too_long", "The path has over 512 bytes.");
+  if (path->size() > HeadLimits::kPath)
+    return proto::fail("uri_too_long", "The path has over 512 bytes.");
   head.path = *path;
   if (mark == std::string_view::npos) return {};
   return parse_query(target.substr(mark + 1), head);
@@ -101,7 +102,7 @@ proto::Expected<void> parse_request_line(std::string_view line, RequestHead& hea
                   [](char c) { return is_control(c) || c == ' '; }))
     return bad("The request target has a space or a control character.");
   if (std::find(kMethods.begin(), kMethods.end(), head.method) == kMethods.end())
-    return fail("method_not_allowed", "The method " + head.method + " is not known here.");
+    return proto::fail("method_not_allowed", "The method " + head.method + " is not known here.");
   return parse_target(head);
 }
 
@@ -179,7 +180,7 @@ proto::Expected<RequestHead> parse_head(std::string_view bytes) {
     if (!line) return bad("A header line does not end with CRLF.");
     if (line->empty()) break;
     if (head.headers.size() == HeadLimits::kHeaders)
-      return fail("headers_too_large", "The request has over 100 headers.");
+      return proto::fail("headers_too_large", "The request has over 100 headers.");
     if (auto ok = parse_header(*line, head); !ok) return proto::Unexpected(ok.error());
   }
   if (auto ok = check_framing(head); !ok) return proto::Unexpected(ok.error());
@@ -233,4 +234,4 @@ std::string percent_encode(std::string_view text) {
   return out;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

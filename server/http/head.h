@@ -9,7 +9,7 @@
 
 #include "proto/expected.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// The head of a request as it came over the wire, checked strictly enough that no proxy can read
 /// another request out of the same bytes. Header values are raw: only path and query are decoded.
@@ -51,4 +51,4 @@ std::optional<std::string> percent_decode(std::string_view, bool plus_is_space);
 /// Everything but unreserved characters (RFC 3986) as %XX.
 std::string percent_encode(std::string_view);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

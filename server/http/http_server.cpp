@@ -12,6 +12,8 @@
 #include <set>
 #include <thread>
 
+#include "server/base/ids.h"
+#include "server/base/log.h"
 #include "server/http/acceptor.h"
 #include "server/http/answer_writer.h"
 #include "server/http/exchange.h"
@@ -19,13 +21,11 @@
 #include "server/http/lobby.h"
 #include "server/http/problem.h"
 #include "server/http/worker_pool.h"
-#include "server/jobs/ids.h"
-#include "server/log.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 struct HttpServer::Impl {
-  Impl(HttpOptions o, server::Handler h, Hub& the_hub)
+  Impl(HttpOptions o, Handler h, Hub& the_hub)
       : options(std::move(o)),
         handler(std::move(h)),
         hub(the_hub),
@@ -36,7 +36,7 @@ struct HttpServer::Impl {
             [](const char* code) { return refusal(code); }) {}
 
   HttpOptions options;
-  server::Handler handler;
+  Handler handler;
   Hub& hub;
   std::atomic<bool> stopping{false};
   std::uint16_t bound_port = 0;
@@ -76,7 +76,7 @@ std::string HttpServer::Impl::refusal(const char* code) {
                            : what == "too_many_connections"
                                ? "Too many connections of this address are open."
                                : "The request's head is over 32 KiB.";
-  return raw_problem({code, text, {}}, new_id("req_"));
+  return raw_problem({code, text, {}}, base::new_id("req_"));
 }
 
 proto::Expected<void> HttpServer::Impl::listen() {
@@ -156,7 +156,7 @@ void HttpServer::Impl::resume(const std::shared_ptr<Exchange>& exchange,
                               std::unique_ptr<Connection> connection) {
   work(std::move(connection), [&](auto& held, Turn& turn) {
     exchange->parked.reset();
-    const LogRequest context(exchange->request.id);
+    const base::LogRequest context(exchange->request.id);
     exchange->ask_again(lobby);
     return go_on(exchange, held, turn);
   });
@@ -165,10 +165,10 @@ void HttpServer::Impl::resume(const std::shared_ptr<Exchange>& exchange,
 bool HttpServer::Impl::begin(std::unique_ptr<Connection>& connection, Turn& turn) {
   connection->begin_exchange();
   auto head = parse_head(connection->take_head());
-  const std::string id = new_id("req_");
-  const LogRequest context(id);
+  const std::string id = base::new_id("req_");
+  const base::LogRequest context(id);
   if (!head) {
-    log_line(LogLevel::kInfo, "request",
+    log_line(base::LogLevel::kInfo, "request",
              {{"remote", connection->peer_address()}, {"code", head.error().code}});
     connection->write(raw_problem(head.error(), id));
     return false;
@@ -236,7 +236,7 @@ bool HttpServer::Impl::answer(Exchange& exchange, std::unique_ptr<Connection>& c
 // As others do, it has a status that no answer ever has.
 void HttpServer::Impl::log_gone(Exchange& exchange) const {
   constexpr int kClientGone = 499;
-  const LogRequest context(exchange.request.id);
+  const base::LogRequest context(exchange.request.id);
   exchange.response.status = kClientGone;
   count(exchange);
   log_request(exchange);
@@ -254,7 +254,7 @@ void HttpServer::Impl::log_request(const Exchange& exchange) const {
   };
   const auto own = exchange.own_time();
   const bool slow = options.slow.count() > 0 && own >= options.slow;
-  log_line(slow ? LogLevel::kWarn : LogLevel::kInfo, slow ? "request.slow" : "request",
+  log_line(slow ? base::LogLevel::kWarn : base::LogLevel::kInfo, slow ? "request.slow" : "request",
            {{"server", options.name},
             {"method", exchange.head.method},
             {"path", exchange.head.path},
@@ -305,4 +305,4 @@ void HttpServer::stop(std::chrono::milliseconds grace) {
   impl_->pool.stop();
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -9,7 +9,7 @@
 #include "server/http/connection.h"
 #include "server/http/message.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 class Hub;
 
@@ -48,4 +48,4 @@ class HttpServer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

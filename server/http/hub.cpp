@@ -12,7 +12,7 @@
 #include <new>
 #include <system_error>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -75,7 +75,7 @@ void Hub::adopt(Stream stream) {
   wake();
 }
 
-void Hub::notify(const EventRing* ring) {
+void Hub::notify(const base::EventRing* ring) {
   bool first = false;
   {
     const std::lock_guard lock(mutex_);
@@ -178,7 +178,7 @@ void Hub::welcome(Stream stream) {
 
 void Hub::take_requests() {
   std::vector<Stream> arrivals;
-  std::set<const EventRing*> news;
+  std::set<const base::EventRing*> news;
   bool announce = false;
   {
     const std::lock_guard lock(mutex_);
@@ -187,7 +187,7 @@ void Hub::take_requests() {
     std::swap(announce, announce_);
   }
   for (auto& stream : arrivals) welcome(std::move(stream));
-  for (const EventRing* ring : news) {
+  for (const base::EventRing* ring : news) {
     const auto found = followers_.find(ring);
     if (found == followers_.end()) continue;
     const std::set<int> fds = found->second;  // serving may drop some
@@ -200,7 +200,7 @@ void Hub::take_requests() {
 
 bool Hub::feed(Client& client) {
   while (!client.ended && client.out.size() - client.at < kFeed) {
-    const EventRing::Tail tail = client.ring->after(client.sent, 32);
+    const base::EventRing::Tail tail = client.ring->after(client.sent, 32);
     if (!tail.complete) return false;
     std::string text;
     for (const auto& event : tail.events) {
@@ -274,4 +274,4 @@ void Hub::end_all() {
   }
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "proto/files.h"
-#include "server/jobs/event_ring.h"
+#include "server/base/event_ring.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// All open event streams, on one epoll thread. A stream's response head is out already and asked
 /// for chunked coding; the hub writes the chunks. A client that reads slowly lags
@@ -34,14 +34,14 @@ class Hub {
 
   struct Stream {
     proto::Fd socket;
-    std::shared_ptr<const EventRing> ring;
+    std::shared_ptr<const base::EventRing> ring;
     std::uint64_t after = 0;              ///< id of the last event that `intro` or the client has
     std::string intro;                    ///< text to send first
     std::shared_ptr<const void> place{};  ///< kept as long as the stream is open
   };
   void adopt(Stream);
   /// The ring has a new event. Cheap; any thread.
-  void notify(const EventRing*);
+  void notify(const base::EventRing*);
   /// Tells every client, present and to come, that the server is going; streams go on.
   void announce_draining();
   /// Ends every stream and joins.
@@ -54,7 +54,7 @@ class Hub {
   struct Client {
     proto::Fd socket;
     std::shared_ptr<const void> place;
-    std::shared_ptr<const EventRing> ring;
+    std::shared_ptr<const base::EventRing> ring;
     std::uint64_t sent = 0;
     std::string out;
     std::size_t at = 0;
@@ -77,13 +77,13 @@ class Hub {
 
   std::chrono::milliseconds heartbeat_, stall_;
   proto::Fd epoll_, wake_;
-  std::map<int, Client> clients_;                        ///< the hub's thread only
-  std::map<const EventRing*, std::set<int>> followers_;  ///< the hub's thread only
-  bool draining_ = false;                                ///< the hub's thread only
+  std::map<int, Client> clients_;                              ///< the hub's thread only
+  std::map<const base::EventRing*, std::set<int>> followers_;  ///< the hub's thread only
+  bool draining_ = false;                                      ///< the hub's thread only
   std::mutex mutex_;
-  std::vector<Stream> arrivals_;     ///< guarded by mutex_
-  std::set<const EventRing*> news_;  ///< guarded by mutex_
-  bool announce_ = false;            ///< guarded by mutex_
+  std::vector<Stream> arrivals_;           ///< guarded by mutex_
+  std::set<const base::EventRing*> news_;  ///< guarded by mutex_
+  bool announce_ = false;                  ///< guarded by mutex_
   std::atomic<bool> stopping_{false};
   std::atomic<std::size_t> streams_{0};
   std::atomic<std::uint64_t> dropped_{0};
@@ -93,4 +93,4 @@ class Hub {
 /// An event as text/event-stream.
 std::string sse_text(const proto::Event&);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -6,7 +6,7 @@
 
 #include <memory>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 constexpr int kBacklog = 1024;
@@ -41,4 +41,4 @@ proto::Fd listen_on(const std::string& address, std::uint16_t port) {
   return listener;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -10,7 +10,7 @@
 #include <new>
 #include <system_error>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using Clock = Connection::Clock;
@@ -256,4 +256,4 @@ void Lobby::expire() {
   }
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -10,7 +10,7 @@
 
 #include "server/http/connection.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Where connections wait: for the head of their next request, for what their present one has to
 /// wait for, or for the peer to take its last answer. One epoll thread for all of them, so none
@@ -102,4 +102,4 @@ class Lobby::Bell {
   std::atomic<bool> rung_{false};
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -9,20 +9,20 @@
 #include <utility>
 #include <vector>
 
-#include "server/auth/principal.h"
+#include "server/base/event_ring.h"
+#include "server/base/principal.h"
 #include "server/http/body.h"
 #include "server/http/content.h"
 #include "server/http/head.h"
-#include "server/jobs/event_ring.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// A request as the routes see it. No library's types: the HTTP library stays behind HttpServer.
 struct Request {
   const RequestHead& head;
   BodyReader& body;
   std::string id;                       ///< req_..., on the answer and in the log
-  Principal principal;                  ///< who asks
+  base::Principal principal;            ///< who asks
   std::vector<std::string> parameters;  ///< of the route's pattern, in order
   std::string route;                    ///< the pattern; "" when there is none for the path
   /// Time that the request waited because its client asked for it: no work of ours.
@@ -31,7 +31,7 @@ struct Request {
 
 /// An event stream that takes the connection over once the head of the answer is out.
 struct StreamContent {
-  std::shared_ptr<const EventRing> ring;
+  std::shared_ptr<const base::EventRing> ring;
   std::uint64_t after = 0;
   std::string intro;
 };
@@ -71,4 +71,4 @@ struct Response {
 
 using Handler = std::function<Response(Request&)>;
 
-}  // namespace kiln::server
+}  // namespace kiln::http

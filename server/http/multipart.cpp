@@ -5,7 +5,7 @@
 
 #include "server/http/head.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using Parameters = std::map<std::string, std::string>;
@@ -210,4 +210,4 @@ MultipartReader::Step MultipartReader::read_body() {
   return true;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

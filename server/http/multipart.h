@@ -8,7 +8,7 @@
 
 #include "proto/expected.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Head of one part of a multipart/form-data body.
 struct PartHead {
@@ -62,4 +62,4 @@ std::optional<std::string> multipart_boundary(std::string_view content_type);
 /// Parses the head lines of a part. Errors: `bad_request`.
 proto::Expected<PartHead> parse_part_head(std::string_view lines);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

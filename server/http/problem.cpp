@@ -5,7 +5,7 @@
 #include "proto/json.h"
 #include "proto/problems.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 Response problem(const proto::Error& error, const std::string& request_id,
                  const std::string& instance) {
@@ -42,4 +42,4 @@ std::string raw_problem(const proto::Error& error, const std::string& request_id
   return text + response.body;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -6,7 +6,7 @@
 #include "proto/expected.h"
 #include "server/http/message.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// application/problem+json; status, title and Retry-After follow from the error's code.
 Response problem(const proto::Error&, const std::string& request_id,
@@ -20,4 +20,4 @@ Response json_response(int status, const nlohmann::json&);
 /// A whole answer as bytes, for what is refused before there is a request. Says Connection: close.
 std::string raw_problem(const proto::Error&, const std::string& request_id);
 
-}  // namespace kiln::server
+}  // namespace kiln::http

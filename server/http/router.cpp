@@ -5,7 +5,7 @@
 
 #include "server/http/problem.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 std::vector<std::string> split(std::string_view path) {
@@ -71,4 +71,4 @@ Response Router::route(Request& request) const {
   return problem(error, request).header("Allow", allow);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -6,7 +6,7 @@
 
 #include "server/http/message.h"
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Finds the handler of a request. Patterns are literal segments and `{}` for one that is handed to
 /// the handler; no regular expressions. A GET route answers HEAD too.
@@ -25,4 +25,4 @@ class Router {
   std::vector<Route> routes_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -3,7 +3,7 @@
 #include <new>
 #include <system_error>
 
-namespace kiln::server {
+namespace kiln::http {
 
 WorkerPool::WorkerPool(unsigned threads, std::size_t max_waiting) : max_waiting_(max_waiting) {
   pthread_attr_t attributes;
@@ -79,4 +79,4 @@ void WorkerPool::loop() {
   }
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -8,7 +8,7 @@
 #include <mutex>
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::http {
 
 /// Threads that answer requests, with stacks of a known size whatever the platform's default.
 class WorkerPool {
@@ -43,4 +43,4 @@ class WorkerPool {
   std::vector<pthread_t> threads_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::http

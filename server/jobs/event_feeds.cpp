@@ -2,23 +2,23 @@
 
 #include <utility>
 
-namespace kiln::server {
+namespace kiln::jobs {
 
-EventFeeds::EventFeeds(JobStore& store) : store_(store) {
+EventFeeds::EventFeeds(store::JobStore& store) : store_(store) {
   store_.on_feed([this](const std::string& tenant, const std::vector<proto::Event>& events) {
     publish(tenant, events);
   });
 }
 
-std::shared_ptr<const EventRing> EventFeeds::of(const Key& tenant) {
+std::shared_ptr<const base::EventRing> EventFeeds::of(const Key& tenant) {
   // Under the lock: an event that is stored meanwhile is in what is read, or pushed afterwards.
   const std::lock_guard lock(mutex_);
   std::erase_if(rings_, [](const auto& entry) { return entry.second.expired(); });
   auto& known = rings_[tenant];
   auto ring = known.lock();
   if (!ring) {
-    Feed feed = store_.feed(tenant);
-    ring = EventRing::endless(feed.floor, feed.last, std::move(feed.events));
+    store::Feed feed = store_.feed(tenant);
+    ring = base::EventRing::endless(feed.floor, feed.last, std::move(feed.events));
     known = ring;
   }
   return ring;
@@ -39,4 +39,4 @@ void EventFeeds::publish(const std::string& tenant, const std::vector<proto::Eve
   push(std::nullopt, events);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -7,30 +7,31 @@
 #include <optional>
 #include <string>
 
-#include "server/jobs/event_ring.h"
-#include "server/jobs/job_store.h"
+#include "server/base/event_ring.h"
+#include "server/store/job_store.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// The events of all jobs of a tenant, or of everyone, as rings that streams can follow. A ring
 /// lives as long as somebody follows it, and is filled from the store. Thread-safe.
 class EventFeeds {
  public:
-  explicit EventFeeds(JobStore&);  ///< becomes the store's feed hook
+  explicit EventFeeds(store::JobStore&);  ///< becomes the store's feed hook
 
-  std::shared_ptr<const EventRing> of(const std::optional<std::string>& tenant);  ///< nothing: all
+  std::shared_ptr<const base::EventRing> of(
+      const std::optional<std::string>& tenant);  ///< nothing: all
   /// Called after each new event, from any thread.
-  void on_event(std::function<void(const EventRing*)> hook) { hook_ = std::move(hook); }
+  void on_event(std::function<void(const base::EventRing*)> hook) { hook_ = std::move(hook); }
 
  private:
   using Key = std::optional<std::string>;
   void publish(const std::string& tenant, const std::vector<proto::Event>&);
   void push(const Key&, const std::vector<proto::Event>&);  ///< needs mutex_
 
-  JobStore& store_;
-  std::function<void(const EventRing*)> hook_;
+  store::JobStore& store_;
+  std::function<void(const base::EventRing*)> hook_;
   std::mutex mutex_;
-  std::map<Key, std::weak_ptr<EventRing>> rings_;  ///< guarded by mutex_
+  std::map<Key, std::weak_ptr<base::EventRing>> rings_;  ///< guarded by mutex_
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

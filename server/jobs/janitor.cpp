@@ -4,14 +4,14 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
-#include "server/jobs/ids.h"
-#include "server/log.h"
+#include "server/base/ids.h"
+#include "server/base/log.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
-Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scenes,
-                 UploadStore& uploads, JobService& jobs, Retention retention,
-                 std::chrono::milliseconds interval)
+Janitor::Janitor(const data::DataFolder& data, store::JobStore& store,
+                 const data::SceneStore& scenes, data::UploadStore& uploads, JobService& jobs,
+                 Retention retention, std::chrono::milliseconds interval)
     : data_(data),
       store_(store),
       scenes_(scenes),
@@ -25,8 +25,8 @@ Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scen
     while (!stop.stop_requested()) {
       try {
         sweep();
-      } catch (const DatabaseError& e) {
-        log_line(LogLevel::kError, "store", {{"what", e.what()}});
+      } catch (const store::DatabaseError& e) {
+        log_line(base::LogLevel::kError, "store", {{"what", e.what()}});
       }
       wake.wait_for(lock, stop, interval, [] { return false; });
     }
@@ -36,7 +36,7 @@ Janitor::Janitor(const DataFolder& data, JobStore& store, const SceneStore& scen
 void Janitor::sweep() {
   const std::lock_guard lock(sweeping_);
   sweep_jobs();
-  uploads_.sweep(now_rfc3339());
+  uploads_.sweep(base::now_rfc3339());
   sweep_checkpoints();
   sweep_scenes();
   if (retention_.max_bytes > 0) sweep_to_budget();
@@ -44,11 +44,11 @@ void Janitor::sweep() {
 
 void Janitor::remove_job(const std::string& id, const char* reason) {
   if (jobs_.remove(id, /*force=*/false))
-    log_line(LogLevel::kInfo, "retention", {{"job", id}, {"reason", reason}});
+    log_line(base::LogLevel::kInfo, "retention", {{"job", id}, {"reason", reason}});
 }
 
 void Janitor::sweep_jobs() {
-  for (const auto& id : store_.expired(now_rfc3339())) remove_job(id, "expired");
+  for (const auto& id : store_.expired(base::now_rfc3339())) remove_job(id, "expired");
 }
 
 void Janitor::sweep_checkpoints() const {
@@ -57,9 +57,10 @@ void Janitor::sweep_checkpoints() const {
     if (!std::filesystem::exists(data_.checkpoints(id), error)) continue;
     const auto stored = store_.find(id);
     if (!stored || !proto::is_terminal(stored->job.state)) continue;
-    if (seconds_after(stored->job.finished_at, retention_.leftovers) > now_rfc3339()) continue;
+    if (base::seconds_after(stored->job.finished_at, retention_.leftovers) > base::now_rfc3339())
+      continue;
     data_.remove_checkpoints(id);
-    log_line(LogLevel::kInfo, "retention", {{"checkpoints", id}, {"reason", "unused"}});
+    log_line(base::LogLevel::kInfo, "retention", {{"checkpoints", id}, {"reason", "unused"}});
   }
 }
 
@@ -67,7 +68,7 @@ void Janitor::sweep_scenes() const {
   const auto is_named = [&](const std::string& key) { return store_.names_scene(key); };
   for (const auto& key : scenes_.collect(retention_.leftovers, is_named)) {
     store_.forget_scene(key);
-    log_line(LogLevel::kInfo, "retention", {{"scene", key}, {"reason", "unused"}});
+    log_line(base::LogLevel::kInfo, "retention", {{"scene", key}, {"reason", "unused"}});
   }
 }
 
@@ -80,4 +81,4 @@ void Janitor::sweep_to_budget() {
   }
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

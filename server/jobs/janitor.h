@@ -5,10 +5,10 @@
 #include <mutex>
 #include <thread>
 
+#include "server/data/upload_store.h"
 #include "server/jobs/job_service.h"
-#include "server/storage/upload_store.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// How long what nobody asked for again is kept.
 struct Retention {
@@ -22,8 +22,8 @@ struct Retention {
 /// that nobody finished, leftovers, then old jobs as far as the disk budget asks for it.
 class Janitor {
  public:
-  Janitor(const DataFolder&, JobStore&, const SceneStore&, UploadStore&, JobService&, Retention,
-          std::chrono::milliseconds interval);
+  Janitor(const data::DataFolder&, store::JobStore&, const data::SceneStore&, data::UploadStore&,
+          JobService&, Retention, std::chrono::milliseconds interval);
   /// One round, on the calling thread. Throws DatabaseError.
   void sweep();
 
@@ -34,14 +34,14 @@ class Janitor {
   void sweep_to_budget();
   void remove_job(const std::string& id, const char* reason);
 
-  const DataFolder& data_;
-  JobStore& store_;
-  const SceneStore& scenes_;
-  UploadStore& uploads_;
+  const data::DataFolder& data_;
+  store::JobStore& store_;
+  const data::SceneStore& scenes_;
+  data::UploadStore& uploads_;
   JobService& jobs_;
   Retention retention_;
   std::mutex sweeping_;  ///< two rounds at once would both free the room that one of them needs
   std::jthread thread_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

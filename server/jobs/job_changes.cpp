@@ -3,18 +3,18 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "server/jobs/ids.h"
+#include "server/base/ids.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using proto::JobState;
-using Durability = Database::Durability;
+using Durability = store::Database::Durability;
 
 // Applies `change` to the job; undoes it when `store` throws.
 template <class Change, class Store>
 void apply(LiveJob& job, const Change& change, const Store& store) {
-  const StoredJob before = job.stored;
+  const store::StoredJob before = job.stored;
   ++job.stored.job.version;
   std::vector<proto::Event> events;
   try {
@@ -27,7 +27,7 @@ void apply(LiveJob& job, const Change& change, const Store& store) {
   for (auto& event : events) job.ring->push(std::move(event));
 }
 
-void start_again(StoredJob& s) {
+void start_again(store::StoredJob& s) {
   s.job.state = JobState::kQueued;
   ++s.job.attempt;
   s.job.started_at.clear();
@@ -44,8 +44,8 @@ nlohmann::json file_names(const std::vector<proto::ResultFile>& files) {
 
 std::string expiry(const proto::Job& job) {
   if (job.ttl_seconds == 0 || job.finished_at.empty()) return {};
-  return seconds_after(job.finished_at,
-                       std::chrono::seconds(static_cast<std::int64_t>(job.ttl_seconds)));
+  return base::seconds_after(job.finished_at,
+                             std::chrono::seconds(static_cast<std::int64_t>(job.ttl_seconds)));
 }
 
 std::vector<proto::Event> end_events(const LiveJob& job,
@@ -53,29 +53,29 @@ std::vector<proto::Event> end_events(const LiveJob& job,
   std::vector<proto::Event> events;
   if (!files.empty()) events.push_back(job.event("result.ready", {{"files", file_names(files)}}));
   events.push_back(job.state_event(events.size()));
-  events.push_back(job.event(kJobEnd, proto::to_json(job.stored.job), events.size()));
+  events.push_back(job.event(base::kJobEnd, proto::to_json(job.stored.job), events.size()));
   return events;
 }
 
-void change_state(JobStore& store, LiveJob& job, JobState state, Durability durability) {
+void change_state(store::JobStore& store, LiveJob& job, JobState state, Durability durability) {
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>& events) {
+      [&](store::StoredJob& s, std::vector<proto::Event>& events) {
         s.job.state = state;
-        if (state == JobState::kPreparing) s.job.started_at = now_rfc3339();
+        if (state == JobState::kPreparing) s.job.started_at = base::now_rfc3339();
         events.push_back(job.state_event());
       },
       [&](const auto& events) { store.save(job.stored, events, durability); });
 }
 
-void finish_job(JobStore& store, LiveJob& job, JobState state, std::optional<proto::Error> error,
-                const std::vector<proto::ResultFile>& files) {
+void finish_job(store::JobStore& store, LiveJob& job, JobState state,
+                std::optional<proto::Error> error, const std::vector<proto::ResultFile>& files) {
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>& events) {
+      [&](store::StoredJob& s, std::vector<proto::Event>& events) {
         s.job.state = state;
         s.job.error = std::move(error);
-        s.job.finished_at = now_rfc3339();
+        s.job.finished_at = base::now_rfc3339();
         s.job.expires_at = expiry(s.job);
         if (state == JobState::kSucceeded) s.job.progress.fraction = 1;
         events = end_events(job, files);
@@ -83,20 +83,20 @@ void finish_job(JobStore& store, LiveJob& job, JobState state, std::optional<pro
       [&](const auto& events) { store.finish(job.stored, events, files); });
 }
 
-void requeue_job(JobStore& store, LiveJob& job) {
+void requeue_job(store::JobStore& store, LiveJob& job) {
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>& events) {
+      [&](store::StoredJob& s, std::vector<proto::Event>& events) {
         start_again(s);
         events.push_back(job.state_event());
       },
       [&](const auto& events) { store.save(job.stored, events, Durability::kPromise); });
 }
 
-void restart_job(JobStore& store, LiveJob& job) {
+void restart_job(store::JobStore& store, LiveJob& job) {
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>& events) {
+      [&](store::StoredJob& s, std::vector<proto::Event>& events) {
         start_again(s);
         s.crashes = 0;
         s.job.error.reset();
@@ -107,7 +107,7 @@ void restart_job(JobStore& store, LiveJob& job) {
       [&](const auto& events) { store.restart(job.stored, events); });
 }
 
-void defer_job(JobStore& store, LiveJob& job) {
+void defer_job(store::JobStore& store, LiveJob& job) {
   const nlohmann::json news{
       {"level", "info"},
       {"code", "waits_for_memory"},
@@ -117,7 +117,7 @@ void defer_job(JobStore& store, LiveJob& job) {
                       " MiB that it needs."}};
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>& events) {
+      [&](store::StoredJob& s, std::vector<proto::Event>& events) {
         s.job.state = JobState::kQueued;
         s.job.started_at.clear();
         s.job.progress = {};
@@ -127,10 +127,10 @@ void defer_job(JobStore& store, LiveJob& job) {
       [&](const auto& events) { store.save(job.stored, events, Durability::kProgress); });
 }
 
-void patch_job(JobStore& store, LiveJob& job, const proto::JobPatch& patch) {
+void patch_job(store::JobStore& store, LiveJob& job, const proto::JobPatch& patch) {
   apply(
       job,
-      [&](StoredJob& s, std::vector<proto::Event>&) {
+      [&](store::StoredJob& s, std::vector<proto::Event>&) {
         s.job.priority = patch.priority.value_or(s.job.priority);
         for (const auto& [name, value] : patch.labels) {
           if (value)
@@ -144,13 +144,13 @@ void patch_job(JobStore& store, LiveJob& job, const proto::JobPatch& patch) {
       [&](const auto& events) { store.save(job.stored, events, Durability::kPromise); });
 }
 
-void add_event(JobStore& store, LiveJob& job, const char* type, const nlohmann::json& data) {
+void add_event(store::JobStore& store, LiveJob& job, const char* type, const nlohmann::json& data) {
   apply(
       job,
-      [&](StoredJob&, std::vector<proto::Event>& events) {
+      [&](store::StoredJob&, std::vector<proto::Event>& events) {
         events.push_back(job.event(type, data));
       },
       [&](const auto& events) { store.save(job.stored, events, Durability::kProgress); });
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

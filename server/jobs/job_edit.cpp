@@ -1,17 +1,17 @@
 #include <nlohmann/json.hpp>
 
+#include "server/base/log.h"
 #include "server/jobs/job_changes.h"
 #include "server/jobs/job_service.h"
 #include "server/jobs/job_words.h"
 #include "server/jobs/live_job.h"
-#include "server/log.h"
 
 /// What clients do to jobs that are there.
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using proto::JobState;
-using Durability = Database::Durability;
+using Durability = store::Database::Durability;
 
 std::size_t labels_after(const proto::Labels& labels, const proto::JobPatch& patch) {
   std::size_t count = labels.size();
@@ -45,7 +45,7 @@ proto::Expected<proto::Job> JobService::cancel(const std::string& id, CancelMode
   {
     // Both locks: a runner that takes the job from the queue does so under mutex_.
     const std::scoped_lock locks(mutex_, job->mutex);
-    StoredJob& s = job->stored;
+    store::StoredJob& s = job->stored;
     if (proto::is_terminal(s.job.state)) return s.job;
     if (!job->cancel_requested) {
       if (queue_.contains(queue_entry(s))) {
@@ -108,7 +108,7 @@ proto::Expected<proto::Job> JobService::patch(const std::string& id, const proto
   proto::Job result;
   {
     const std::lock_guard job_lock(job->mutex);
-    StoredJob& s = job->stored;
+    store::StoredJob& s = job->stored;
     if (auto ok = check_patch(s.job, patch, allowed); !ok) return proto::Unexpected(ok.error());
     const JobQueue::Entry before = queue_entry(s);
     patch_job(store_, *job, patch);
@@ -146,8 +146,8 @@ proto::Expected<void> JobService::remove(const std::string& id, bool force) {
     store_.remove(id);
   }
   data_.remove_job(id);
-  log_line(LogLevel::kInfo, "job", {{"job", id}, {"state", "deleted"}});
+  log_line(base::LogLevel::kInfo, "job", {{"job", id}, {"state", "deleted"}});
   return {};
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -7,9 +7,9 @@
 #include <algorithm>
 
 #include "proto/files.h"
-#include "server/jobs/ids.h"
+#include "server/base/ids.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 void JobLog::line(const std::string& text) const {
   const proto::Fd file(
@@ -18,7 +18,7 @@ void JobLog::line(const std::string& text) const {
   if (!file.valid() || ::fstat(file.get(), &info) != 0) return;
   const auto size = static_cast<std::uint64_t>(info.st_size);
   if (size >= kMaxBytes) return;
-  std::string out = now_rfc3339() + " " + text;
+  std::string out = base::now_rfc3339() + " " + text;
   if (size + out.size() + 1 >= kMaxBytes) {
     out = "... and more, which is left out";
     out.resize(std::max<std::size_t>(out.size(), kMaxBytes - size - 1), '.');
@@ -29,4 +29,4 @@ void JobLog::line(const std::string& text) const {
   [[maybe_unused]] const ssize_t full_disk_is_fine = ::write(file.get(), out.data(), out.size());
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

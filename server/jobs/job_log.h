@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <string>
 
-#include "server/storage/data_folder.h"
+#include "server/data/data_folder.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// What happened to a job, for people: one line with its time per step, over all attempts. Lines
 /// that can't be written are left out; a bake does not end for its log. Thread-safe.
@@ -14,7 +14,7 @@ class JobLog {
  public:
   static constexpr std::uint64_t kMaxBytes = 1 << 20;  ///< then it ends with a line that says so
 
-  static std::filesystem::path path(const DataFolder& data, const std::string& job) {
+  static std::filesystem::path path(const data::DataFolder& data, const std::string& job) {
     return data.job(job) / "log.txt";
   }
 
@@ -26,4 +26,4 @@ class JobLog {
   std::filesystem::path file_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

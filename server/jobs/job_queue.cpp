@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 std::size_t JobQueue::count(const Counts& counts, const std::string& tenant) {
   const auto found = counts.find(tenant);
@@ -82,4 +82,4 @@ void JobQueue::release(const std::string& tenant) {
   less(running_, tenant);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

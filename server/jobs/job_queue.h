@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// Which job runs next: the highest priority; of the same priority the tenant with the fewest
 /// running jobs, so that many jobs of one keep no other waiting; of the same tenant the oldest.
@@ -51,4 +51,4 @@ class JobQueue {
   Counts waiting_, running_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -7,14 +7,14 @@
 #include <thread>
 
 #include "proto/json.h"
-#include "server/log.h"
-#include "server/metrics/metrics.h"
+#include "server/base/log.h"
+#include "server/base/metrics.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using proto::JobState;
-using Durability = Database::Durability;
+using Durability = store::Database::Durability;
 using Clock = std::chrono::steady_clock;
 
 /// Calls `late` unless it goes before the time is up. No time: never.
@@ -108,9 +108,9 @@ JobRun::Outcome JobRun::bake() {
   } catch (const std::bad_alloc&) {
     return {proto::Error{"out_of_memory", "The bake needs more memory than there is.", {}}, {}};
   } catch (const std::exception& e) {
-    log_line(LogLevel::kError, "job.exception", {{"job", job.id}, {"what", e.what()}});
+    log_line(base::LogLevel::kError, "job.exception", {{"job", job.id}, {"what", e.what()}});
   } catch (...) {
-    log_line(LogLevel::kError, "job.exception", {{"job", job.id}, {"what", "unknown type"}});
+    log_line(base::LogLevel::kError, "job.exception", {{"job", job.id}, {"what", "unknown type"}});
   }
   return {
       proto::Error{"internal", "The bake failed by a fault of the service; its log says more.", {}},
@@ -169,8 +169,8 @@ void JobRun::conclude(Outcome outcome, std::stop_token service_stop) {
     try {
       attempt();
       break;
-    } catch (const DatabaseError& e) {
-      if (first) log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
+    } catch (const store::DatabaseError& e) {
+      if (first) log_line(base::LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
       if (service_stop.stop_requested()) return;  // the next process runs the job again
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     } catch (const std::bad_alloc&) {
@@ -191,8 +191,8 @@ void JobRun::record(const std::function<void()>& change) {
   try {
     const std::lock_guard lock(job_.mutex);
     change();
-  } catch (const DatabaseError& e) {
-    log_line(LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
+  } catch (const store::DatabaseError& e) {
+    log_line(base::LogLevel::kError, "store", {{"job", job_.id}, {"what", e.what()}});
   } catch (
       const std::bad_alloc&) {  // what the event tells is lost; the bake may find what it needs
   }
@@ -225,14 +225,14 @@ void JobRun::on_progress(const proto::JobProgress& progress) {
 
 void JobRun::on_resume(std::uint32_t passes) {
   tell_resumed("Goes on after " + std::to_string(passes) + " passes of an earlier attempt.");
-  log_line(LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
+  log_line(base::LogLevel::kInfo, "job.resumed", {{"job", job_.id}, {"passes", passes}});
 }
 
 void JobRun::on_resume_within(const std::string& pass, double share) {
   const int percent = static_cast<int>(100 * share);
   tell_resumed("Of the pass '" + pass + "', " + std::to_string(percent) +
                " % are there from an earlier attempt.");
-  log_line(LogLevel::kInfo, "job.resumed_within",
+  log_line(base::LogLevel::kInfo, "job.resumed_within",
            {{"job", job_.id}, {"pass", pass}, {"percent", percent}});
 }
 
@@ -285,4 +285,4 @@ void JobRun::on_warning(const proto::Warning& warning) {
   record([&] { add_event(context_.store, job_, "log", data); });
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -12,7 +12,7 @@
 #include "server/jobs/job_log.h"
 #include "server/jobs/job_service.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// Whether a bake of so many bytes may go on.
 enum class Admission {
@@ -23,14 +23,14 @@ enum class Admission {
 
 /// What a run needs of its service.
 struct RunContext {
-  const DataFolder& data;
-  JobStore& store;
-  const SceneStore& scenes;
-  baker::ThreadPool& pool;
+  const data::DataFolder& data;
+  store::JobStore& store;
+  const data::SceneStore& scenes;
+  exec::ThreadPool& pool;
   const BakeFunction& bake;
-  const baker::ImportLimits& import_limits;
+  const files::ImportLimits& import_limits;
   const JobLimits& limits;
-  Metrics* metrics;  ///< null: nobody counts
+  base::Metrics* metrics;  ///< null: nobody counts
   std::function<Admission(std::uint64_t bytes)> admit;
   std::uint64_t memory_bytes;    ///< of all bakes
   std::function<void()> notify;  ///< after each new event
@@ -81,4 +81,4 @@ class JobRun final : public baker::BakeObserver {
   std::chrono::steady_clock::time_point last_progress_{};  ///< guarded by job_.mutex
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -5,23 +5,23 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "server/jobs/ids.h"
+#include "server/base/ids.h"
+#include "server/base/log.h"
 #include "server/jobs/job_changes.h"
 #include "server/jobs/job_run.h"
 #include "server/jobs/job_words.h"
 #include "server/jobs/live_job.h"
-#include "server/log.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using proto::JobState;
 
 }  // namespace
 
-JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore& scenes,
-                       baker::ThreadPool& pool, BakeFunction bake, JobLimits limits,
-                       baker::ImportLimits import_limits, Metrics* metrics)
+JobService::JobService(const data::DataFolder& data, store::JobStore& store,
+                       const data::SceneStore& scenes, exec::ThreadPool& pool, BakeFunction bake,
+                       JobLimits limits, files::ImportLimits import_limits, base::Metrics* metrics)
     : data_(data),
       store_(store),
       scenes_(scenes),
@@ -31,7 +31,7 @@ JobService::JobService(const DataFolder& data, JobStore& store, const SceneStore
       import_limits_(import_limits),
       metrics_(metrics),
       memory_(limits_.memory ? limits_.memory
-                             : std::make_shared<MemoryBudget>(limits_.memory_bytes)) {
+                             : std::make_shared<base::MemoryBudget>(limits_.memory_bytes)) {
   memory_->on_free([this] {
     { const std::lock_guard lock(mutex_); }  // a runner that has just looked is waiting by now
     changed_.notify_all();
@@ -56,9 +56,9 @@ void JobService::add_live(const LivePtr& job) {
 // What the process before us did not finish. A job that was running when it died goes on, unless it
 // has been there so often without getting further that it is the likely cause.
 void JobService::recover() {
-  for (StoredJob& stored : store_.unfinished()) {
+  for (store::StoredJob& stored : store_.unfinished()) {
     auto job = std::make_shared<LiveJob>(stored, store_.events_after(stored.job.id, 0));
-    StoredJob& s = job->stored;
+    store::StoredJob& s = job->stored;
     if (s.job.state == JobState::kQueued) {
       add_live(job);
       continue;
@@ -86,7 +86,7 @@ void JobService::clear_leftovers() const {
   for (const std::string& id : data_.job_folders()) {
     const auto stored = store_.find(id);
     if (!stored) {
-      log_line(LogLevel::kInfo, "leftover", {{"job", id}});
+      log_line(base::LogLevel::kInfo, "leftover", {{"job", id}});
       data_.remove_job(id);
     } else if (stored->job.state == JobState::kSucceeded) {
       data_.remove_checkpoints(id);
@@ -112,7 +112,7 @@ proto::Expected<void> JobService::check_room(const std::string& tenant) const {
 
 proto::Expected<void> JobService::check_day(const std::string& tenant) const {
   if (limits_.tenant_texels == 0 && limits_.tenant_cpu_seconds == 0) return {};
-  const auto today = store_.usage(tenant, now_rfc3339().substr(0, 10));
+  const auto today = store_.usage(tenant, base::now_rfc3339().substr(0, 10));
   const auto refuse = [](std::uint64_t limit, const char* what) {
     return proto::fail("quota_exceeded", "The tenant's jobs have taken their " +
                                              std::to_string(limit) + " " + what +
@@ -127,7 +127,7 @@ proto::Expected<void> JobService::check_day(const std::string& tenant) const {
 
 JobService::Usage JobService::usage(const std::string& tenant) const {
   Usage usage;
-  usage.day = now_rfc3339().substr(0, 10);
+  usage.day = base::now_rfc3339().substr(0, 10);
   usage.today = store_.usage(tenant, usage.day);
   usage.result_bytes = store_.result_bytes(tenant);
   const std::lock_guard lock(mutex_);
@@ -176,10 +176,10 @@ JobWatches::Watch JobService::watch(const std::string& id, std::optional<std::ui
   return watch;
 }
 
-JobService::Page JobService::list(const JobFilter& filter) const {
-  JobFilter one_more = filter;
+JobService::Page JobService::list(const store::JobFilter& filter) const {
+  store::JobFilter one_more = filter;
   ++one_more.limit;
-  std::vector<StoredJob> stored = store_.list(one_more);
+  std::vector<store::StoredJob> stored = store_.list(one_more);
   Page page;
   if (stored.size() > filter.limit) {
     stored.pop_back();
@@ -204,12 +204,12 @@ std::vector<proto::Job> JobService::unfinished(const std::optional<std::string>&
   return jobs;
 }
 
-std::shared_ptr<const EventRing> JobService::events(const std::string& id) const {
+std::shared_ptr<const base::EventRing> JobService::events(const std::string& id) const {
   if (const LivePtr job = live(id)) return job->ring;
   if (!store_.find(id)) return nullptr;
   auto kept = store_.events_after(id, 0);
   const std::uint64_t last = kept.empty() ? 0 : kept.back().id;
-  return std::make_shared<EventRing>(last, std::move(kept));
+  return std::make_shared<base::EventRing>(last, std::move(kept));
 }
 
 baker::Snapshot JobService::snapshot(const std::string& id) const {
@@ -223,13 +223,13 @@ std::vector<proto::ResultFile> JobService::results(const std::string& id) const 
   return store_.results(id);
 }
 
-void JobService::on_event(std::function<void(const EventRing*)> hook) {
+void JobService::on_event(std::function<void(const base::EventRing*)> hook) {
   const std::lock_guard lock(mutex_);
   event_hook_ = std::move(hook);
 }
 
 void JobService::notify(const LiveJob& job) {
-  std::function<void(const EventRing*)> hook;
+  std::function<void(const base::EventRing*)> hook;
   {
     const std::lock_guard lock(mutex_);
     hook = event_hook_;
@@ -333,8 +333,8 @@ void JobService::put_back(const LivePtr& job, const std::stop_token& stop) {
     try {
       attempt();
       break;
-    } catch (const DatabaseError& e) {
-      log_line(LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
+    } catch (const store::DatabaseError& e) {
+      log_line(base::LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
       if (stop.stop_requested()) return;  // the next process runs the job again
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     } catch (const std::bad_alloc&) {
@@ -370,14 +370,14 @@ bool JobService::run_job(const LivePtr& job, std::stop_token stop) {
                            [&](std::uint64_t bytes) { return admit(*job, bytes); },
                            memory_->for_bakes(),
                            [&] { notify(*job); }};
-  const CpuMeter::Run cpu(cpu_meter_);
+  const base::CpuMeter::Run cpu(cpu_meter_);
   JobRun run(context, *job);
   const auto end = run.run(std::move(stop));
   try {
-    store_.add_usage(job->stored.job.tenant, now_rfc3339().substr(0, 10),
+    store_.add_usage(job->stored.job.tenant, base::now_rfc3339().substr(0, 10),
                      {run.texels(), cpu.seconds()});
-  } catch (const DatabaseError& e) {
-    log_line(LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
+  } catch (const store::DatabaseError& e) {
+    log_line(base::LogLevel::kError, "store", {{"job", job->id}, {"what", e.what()}});
   }
   return end == JobRun::End::kDeferred;
 }
@@ -396,4 +396,4 @@ void JobService::settle(const LivePtr& job) {
   }
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -18,20 +18,23 @@
 #include "baker/bake.h"
 #include "proto/expected.h"
 #include "proto/job.h"
-#include "server/jobs/cpu_meter.h"
-#include "server/jobs/event_ring.h"
+#include "server/base/cpu_meter.h"
+#include "server/base/event_ring.h"
+#include "server/base/memory_budget.h"
+#include "server/data/data_folder.h"
+#include "server/data/scene_store.h"
 #include "server/jobs/job_queue.h"
-#include "server/jobs/job_store.h"
 #include "server/jobs/job_watches.h"
-#include "server/memory_budget.h"
-#include "server/storage/data_folder.h"
-#include "server/storage/scene_store.h"
+#include "server/store/job_store.h"
 
-namespace kiln::server {
+namespace kiln::base {
+class Metrics;
+}
+
+namespace kiln::jobs {
 
 struct LiveJob;
 enum class Admission;
-class Metrics;
 
 struct JobInput : baker::BakeInput {
   std::string job;  ///< whose bake it is
@@ -39,7 +42,7 @@ struct JobInput : baker::BakeInput {
 
 /// baker::bake, or a test's stand-in.
 using BakeFunction = std::function<proto::Expected<proto::Manifest>(
-    const JobInput&, baker::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
+    const JobInput&, exec::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
 
 struct JobLimits {
   std::uint32_t running = 2;    ///< jobs at once
@@ -58,12 +61,12 @@ struct JobLimits {
   std::chrono::milliseconds part_time{10'000};  ///< likewise
   std::uint64_t memory_bytes = 0;  ///< of running bakes, by their estimates; 0: no limit
   /// Instead, where they share it with others.
-  std::shared_ptr<MemoryBudget> memory = nullptr;
+  std::shared_ptr<base::MemoryBudget> memory = nullptr;
 };
 
 /// What submit() takes.
 struct Submission {
-  StoredScene scene;
+  data::StoredScene scene;
   proto::BakeSettings settings;
   proto::JobOptions options;
   std::string tenant;
@@ -88,8 +91,8 @@ class JobService {
  public:
   /// Takes up the jobs that an earlier process left, clears away what it left besides, then starts
   /// the runners.
-  JobService(const DataFolder&, JobStore&, const SceneStore&, baker::ThreadPool&, BakeFunction,
-             JobLimits, baker::ImportLimits = {}, Metrics* = nullptr);
+  JobService(const data::DataFolder&, store::JobStore&, const data::SceneStore&, exec::ThreadPool&,
+             BakeFunction, JobLimits, files::ImportLimits = {}, base::Metrics* = nullptr);
   ~JobService();  ///< stop(), unless done
   JobService(const JobService&) = delete;
   JobService& operator=(const JobService&) = delete;
@@ -123,7 +126,7 @@ class JobService {
     std::vector<proto::Job> jobs;
     std::optional<std::int64_t> next;  ///< `before` of the next page
   };
-  Page list(const JobFilter&) const;
+  Page list(const store::JobFilter&) const;
   /// The jobs that are not over, by id; of all tenants when there is none.
   std::vector<proto::Job> unfinished(const std::optional<std::string>& tenant) const;
 
@@ -142,13 +145,14 @@ class JobService {
   proto::Expected<void> remove(const std::string& id, bool force);
 
   /// The job's events: a ring that a stream can follow. For a job that is over it never changes.
-  std::shared_ptr<const EventRing> events(const std::string& id) const;  ///< null: no such job
+  std::shared_ptr<const base::EventRing> events(
+      const std::string& id) const;  ///< null: no such job
   /// The latest pass of a running job. Empty (null members) when there is none.
   baker::Snapshot snapshot(const std::string& id) const;
   std::vector<proto::ResultFile> results(const std::string& id) const;
 
   /// Called after each new event, from any thread, with no lock held.
-  void on_event(std::function<void(const EventRing*)>);
+  void on_event(std::function<void(const base::EventRing*)>);
 
   struct Counts {
     std::size_t queued = 0, running = 0;
@@ -162,7 +166,7 @@ class JobService {
     std::size_t queued = 0, running = 0;
     std::uint64_t result_bytes = 0;
     std::string day;  ///< "2026-11-22", UTC
-    server::Usage today;
+    store::Usage today;
   };
   Usage usage(const std::string& tenant) const;
 
@@ -194,24 +198,26 @@ class JobService {
   void tell_watchers(const LiveJob&);
   void retire(const LivePtr&);
 
-  std::optional<proto::Expected<Submitted>> replay(const IdempotencyKey&) const;
-  std::optional<proto::Job> submit_cached(const StoredJob&, const std::optional<IdempotencyKey>&);
-  proto::Expected<proto::Job> enqueue(const StoredJob&, const std::optional<IdempotencyKey>&);
+  std::optional<proto::Expected<Submitted>> replay(const store::IdempotencyKey&) const;
+  std::optional<proto::Job> submit_cached(const store::StoredJob&,
+                                          const std::optional<store::IdempotencyKey>&);
+  proto::Expected<proto::Job> enqueue(const store::StoredJob&,
+                                      const std::optional<store::IdempotencyKey>&);
   /// A job that is over, as of the store. Waits for a runner that is about to let go of it. Null:
   /// it is not over.
   proto::Expected<LivePtr> find_over(const std::string& id, std::unique_lock<std::mutex>&) const;
 
-  const DataFolder& data_;
-  JobStore& store_;
-  const SceneStore& scenes_;
-  baker::ThreadPool& pool_;
+  const data::DataFolder& data_;
+  store::JobStore& store_;
+  const data::SceneStore& scenes_;
+  exec::ThreadPool& pool_;
   BakeFunction bake_;
   JobLimits limits_;
-  baker::ImportLimits import_limits_;
-  Metrics* metrics_;  ///< null: nobody counts
-  CpuMeter cpu_meter_;
-  const std::shared_ptr<MemoryBudget> memory_;
-  std::function<void(const EventRing*)> event_hook_;
+  files::ImportLimits import_limits_;
+  base::Metrics* metrics_;  ///< null: nobody counts
+  base::CpuMeter cpu_meter_;
+  const std::shared_ptr<base::MemoryBudget> memory_;
+  std::function<void(const base::EventRing*)> event_hook_;
   JobWatches watches_;
 
   mutable std::mutex mutex_;  ///< guards what follows
@@ -226,4 +232,4 @@ class JobService {
   std::vector<std::jthread> runners_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -2,14 +2,14 @@
 
 #include "proto/json.h"
 #include "proto/sha256.h"
-#include "server/jobs/ids.h"
+#include "server/base/ids.h"
 #include "server/jobs/job_changes.h"
 #include "server/jobs/job_service.h"
 #include "server/jobs/job_words.h"
 #include "server/jobs/live_job.h"
 
 /// How a job comes into being.
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using proto::JobState;
@@ -23,10 +23,10 @@ std::string fingerprint(const Submission& s) {
   return hash.hex();
 }
 
-StoredJob new_job(const Submission& s, const JobLimits& limits) {
-  StoredJob stored;
+store::StoredJob new_job(const Submission& s, const JobLimits& limits) {
+  store::StoredJob stored;
   proto::Job& job = stored.job;
-  job.id = new_id("job_");
+  job.id = base::new_id("job_");
   job.scene_sha256 = s.scene.key;
   job.scene_bytes = s.scene.bytes;
   job.settings = s.settings;
@@ -35,7 +35,7 @@ StoredJob new_job(const Submission& s, const JobLimits& limits) {
   job.labels = s.options.labels;
   job.webhook = s.options.webhook;
   job.ttl_seconds = s.options.ttl_seconds.value_or(limits.ttl_seconds);
-  job.created_at = now_rfc3339();
+  job.created_at = base::now_rfc3339();
   stored.bake_key = job.result_key = baker::bake_key(s.scene.key, s.settings);
   return stored;
 }
@@ -65,17 +65,17 @@ class JobService::KeyInUse {
 };
 
 proto::Expected<JobService::Submitted> JobService::submit(const Submission& submission) {
-  std::optional<IdempotencyKey> request;
+  std::optional<store::IdempotencyKey> request;
   std::optional<KeyInUse> use;
   if (!submission.idempotency_key.empty()) {
     const std::string key = request_key(submission.tenant, submission.idempotency_key);
-    request = IdempotencyKey{key, fingerprint(submission)};
+    request = store::IdempotencyKey{key, fingerprint(submission)};
     if (!use.emplace(*this, key).alone())
       return proto::fail("idempotency_in_progress",
                          "A request with this Idempotency-Key is being answered; ask again.");
     if (auto earlier = replay(*request)) return std::move(*earlier);
   }
-  const StoredJob stored = new_job(submission, limits_);
+  const store::StoredJob stored = new_job(submission, limits_);
   if (submission.options.dedupe)
     if (auto job = submit_cached(stored, request)) return Submitted{std::move(*job)};
   auto job = enqueue(stored, request);
@@ -84,7 +84,7 @@ proto::Expected<JobService::Submitted> JobService::submit(const Submission& subm
 }
 
 std::optional<proto::Expected<JobService::Submitted>> JobService::replay(
-    const IdempotencyKey& request) const {
+    const store::IdempotencyKey& request) const {
   const auto known = store_.find_request(request.key);
   if (!known) return std::nullopt;
   if (known->first != request.fingerprint)
@@ -97,8 +97,8 @@ std::optional<proto::Expected<JobService::Submitted>> JobService::replay(
 }
 
 // The files of an identical bake, under this job's name too: each job can be deleted by itself.
-std::optional<proto::Job> JobService::submit_cached(const StoredJob& stored,
-                                                    const std::optional<IdempotencyKey>& request) {
+std::optional<proto::Job> JobService::submit_cached(
+    const store::StoredJob& stored, const std::optional<store::IdempotencyKey>& request) {
   const auto original = store_.find_succeeded(stored.bake_key, stored.job.tenant);
   if (!original) return std::nullopt;
   const auto files = store_.results(original->job.id);
@@ -111,7 +111,7 @@ std::optional<proto::Job> JobService::submit_cached(const StoredJob& stored,
   j.state = JobState::kSucceeded;
   j.cached = true;
   j.progress = original->job.progress;
-  j.finished_at = now_rfc3339();
+  j.finished_at = base::now_rfc3339();
   j.expires_at = expiry(j);
   try {
     store_.insert(job.stored, end_events(job, files), files, request);
@@ -123,8 +123,8 @@ std::optional<proto::Job> JobService::submit_cached(const StoredJob& stored,
   return j;
 }
 
-proto::Expected<proto::Job> JobService::enqueue(const StoredJob& stored,
-                                                const std::optional<IdempotencyKey>& request) {
+proto::Expected<proto::Job> JobService::enqueue(
+    const store::StoredJob& stored, const std::optional<store::IdempotencyKey>& request) {
   {
     const std::lock_guard lock(mutex_);
     if (auto room = check_room(stored.job.tenant); !room) return proto::Unexpected(room.error());
@@ -150,4 +150,4 @@ proto::Expected<proto::Job> JobService::enqueue(const StoredJob& stored,
   return stored.job;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

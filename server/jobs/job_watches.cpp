@@ -4,7 +4,7 @@
 #include <map>
 #include <mutex>
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 struct JobWatches::Book {
   struct Watcher {
@@ -59,4 +59,4 @@ void JobWatches::tell(const std::string& job, std::uint64_t version, bool over) 
   for (const auto& [number, watcher] : called) watcher.moved();
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// Who wants to hear of which job, once. What a job's change costs grows with those who watch this
 /// job, not with all. Thread-safe.
@@ -29,4 +29,4 @@ class JobWatches {
   static std::shared_ptr<Book> make_book();
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -3,9 +3,9 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "server/log.h"
+#include "server/base/log.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 proto::Unexpected no_such_job(const std::string& id) {
   return proto::fail("not_found", "There is no job " + id + ".");
@@ -21,8 +21,8 @@ void log_state(const proto::Job& job) {
   if (job.error) fields["code"] = job.error->code;
   if (!job.tenant.empty()) fields["tenant"] = job.tenant;
   if (job.cached) fields["cached"] = true;
-  log_line(job.state == proto::JobState::kFailed ? LogLevel::kWarn : LogLevel::kInfo, "job",
-           fields);
+  log_line(job.state == proto::JobState::kFailed ? base::LogLevel::kWarn : base::LogLevel::kInfo,
+           "job", fields);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -6,7 +6,7 @@
 #include "proto/job.h"
 
 /// What the parts of JobService say alike.
-namespace kiln::server {
+namespace kiln::jobs {
 
 proto::Unexpected no_such_job(const std::string& id);
 void log_state(const proto::Job&);
@@ -14,4 +14,4 @@ void log_state(const proto::Job&);
 /// blank.
 std::string request_key(const std::string& tenant, const std::string& key);
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

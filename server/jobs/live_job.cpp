@@ -4,16 +4,16 @@
 
 #include "proto/json.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
-JobQueue::Entry queue_entry(const StoredJob& s) {
+JobQueue::Entry queue_entry(const store::StoredJob& s) {
   return {s.job.tenant, s.job.priority, s.sequence, s.job.memory_estimate_bytes};
 }
 
-LiveJob::LiveJob(StoredJob from, std::vector<proto::Event> kept)
+LiveJob::LiveJob(store::StoredJob from, std::vector<proto::Event> kept)
     : id(from.job.id), stored(std::move(from)) {
   const std::uint64_t last = kept.empty() ? 0 : kept.back().id;
-  ring = std::make_shared<EventRing>(last, std::move(kept));
+  ring = std::make_shared<base::EventRing>(last, std::move(kept));
 }
 
 proto::Event LiveJob::event(std::string type, const nlohmann::json& data,
@@ -28,4 +28,4 @@ proto::Event LiveJob::state_event(std::size_t already) const {
   return event("job.state", data, already);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -10,27 +10,27 @@
 #include <vector>
 
 #include "baker/bake.h"
-#include "server/jobs/event_ring.h"
+#include "server/base/event_ring.h"
 #include "server/jobs/job_queue.h"
-#include "server/jobs/job_store.h"
+#include "server/store/job_store.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// Where a job stands in the queue.
-JobQueue::Entry queue_entry(const StoredJob&);
+JobQueue::Entry queue_entry(const store::StoredJob&);
 
 /// A job that is not over, in memory. Every change of `stored` goes through change(), which keeps
 /// store, events and memory in step.
 struct LiveJob {
-  explicit LiveJob(StoredJob stored, std::vector<proto::Event> kept = {});
+  explicit LiveJob(store::StoredJob stored, std::vector<proto::Event> kept = {});
 
   const std::string id;
-  std::shared_ptr<EventRing> ring;
+  std::shared_ptr<base::EventRing> ring;
   std::stop_source stop;    ///< as soon as possible, without a result
   std::stop_source enough;  ///< with the light of the passes that are done
 
   mutable std::mutex mutex;  ///< guards what follows
-  StoredJob stored;
+  store::StoredJob stored;
   baker::Snapshot snapshot;
   bool cancel_requested = false;
   std::chrono::steady_clock::time_point waiting_since = std::chrono::steady_clock::now();
@@ -42,4 +42,4 @@ struct LiveJob {
   proto::Event state_event(std::size_t already = 0) const;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -9,7 +9,7 @@
 #include <optional>
 #include <string>
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 using Address = Networks::Address;
@@ -125,4 +125,4 @@ bool may_reach(const sockaddr& address, const Networks& allowed) {
   return is_public(bytes) || allowed.contains(bytes);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -10,7 +10,7 @@
 
 struct sockaddr;
 
-namespace kiln::server {
+namespace kiln::webhooks {
 
 /// A list of address ranges: IPv4 and IPv6, the former as ::ffff:a.b.c.d.
 class Networks {
@@ -44,4 +44,4 @@ bool is_public(const Networks::Address&);
 /// other than IPv4 and IPv6: never.
 bool may_reach(const sockaddr&, const Networks& allowed);
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -7,7 +7,7 @@
 #include "server/http/head.h"
 #include "server/webhooks/signature.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 constexpr std::uint64_t kMaxFileBytes = 1 << 20;
@@ -27,14 +27,15 @@ proto::Expected<WebhookSecrets> WebhookSecrets::parse(const std::string& text) {
   std::istringstream lines(text);
   std::string line;
   for (int number = 1; std::getline(lines, line); ++number) {
-    const std::string_view content = trim_blanks(std::string_view(line).substr(0, line.find('\r')));
+    const std::string_view content =
+        http::trim_blanks(std::string_view(line).substr(0, line.find('\r')));
     if (content.empty() || content.front() == '#') continue;
     const auto equals = content.find('=');
-    const std::string name(trim_blanks(content.substr(0, equals)));
+    const std::string name(http::trim_blanks(content.substr(0, equals)));
     const auto at = [&] { return "line " + std::to_string(number) + ": "; };
     if (equals == std::string_view::npos || !is_name(name))
       return proto::fail("invalid_config", at() + "expected NAME = SECRET or TENANT/NAME = SECRET");
-    auto key = webhook_key(trim_blanks(content.substr(equals + 1)));
+    auto key = webhook_key(http::trim_blanks(content.substr(equals + 1)));
     if (!key) return proto::fail("invalid_config", at() + key.error().message);
     out.keys_[name].push_back(std::move(*key));
   }
@@ -56,4 +57,4 @@ std::vector<std::string> WebhookSecrets::keys(const std::string& tenant,
   return {};
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -7,7 +7,7 @@
 
 #include "proto/expected.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 
 /// The secrets that messages are signed with, by name. They come from a file of lines
 /// "name = whsec_..."; a name that has several signs with each of them, so that a secret can be
@@ -26,4 +26,4 @@ class WebhookSecrets {
   std::map<std::string, std::vector<std::string>> keys_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

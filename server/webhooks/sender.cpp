@@ -8,7 +8,7 @@
 
 #include "server/webhooks/signature.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 using Handle = std::unique_ptr<CURL, decltype(&curl_easy_cleanup)>;
@@ -148,4 +148,4 @@ WebhookAnswer send_webhook(const WebhookMessage& message, const Networks& allowe
   return answer;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -9,7 +9,7 @@
 #include "proto/expected.h"
 #include "server/webhooks/networks.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 
 /// As far as it can be told without a look-up. Errors: `invalid_request` when it is no http or
 /// https URL, names a user, or is an address that may not be reached.
@@ -39,4 +39,4 @@ struct WebhookLimits {
 WebhookAnswer send_webhook(const WebhookMessage&, const Networks& allowed, const WebhookLimits&,
                            const std::stop_token&);
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 const unsigned char* bytes_of(std::string_view text) {
@@ -51,4 +51,4 @@ std::string webhook_signature(std::string_view key, std::string_view id, std::in
   return "v1," + std::string(base64.begin(), base64.begin() + length);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

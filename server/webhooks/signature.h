@@ -7,7 +7,7 @@
 #include "proto/expected.h"
 
 /// How receivers know that a message is ours and new: https://www.standardwebhooks.com.
-namespace kiln::server {
+namespace kiln::webhooks {
 
 /// The bytes of a secret as it is written: "whsec_" and the base64 of 24 to 64 bytes.
 /// Errors: `invalid_config`; the message does not hold the secret.
@@ -17,4 +17,4 @@ proto::Expected<std::string> webhook_key(std::string_view secret);
 std::string webhook_signature(std::string_view key, std::string_view id, std::int64_t timestamp,
                               std::string_view body);
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

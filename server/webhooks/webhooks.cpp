@@ -4,10 +4,10 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "server/jobs/ids.h"
-#include "server/log.h"
+#include "server/base/ids.h"
+#include "server/base/log.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 using std::chrono::milliseconds;
@@ -22,7 +22,7 @@ std::int64_t unix_ms() {
 
 }  // namespace
 
-Webhooks::Webhooks(JobStore& store, WebhookOptions options, Count count)
+Webhooks::Webhooks(store::JobStore& store, WebhookOptions options, Count count)
     : store_(store), options_(std::move(options)), count_(std::move(count)) {
   store_.release_deliveries();
   store_.on_delivery([this] {
@@ -65,19 +65,20 @@ proto::Expected<void> Webhooks::check(const proto::Webhook& hook, const std::str
   auto found = keys(tenant, hook.secret_ref);
   if (found) return {};
   if (found.error().code == "invalid_request") return proto::Unexpected(found.error());
-  log_line(LogLevel::kError, "webhook.secrets", {{"what", found.error().message}});
+  log_line(base::LogLevel::kError, "webhook.secrets", {{"what", found.error().message}});
   return proto::fail("internal", "The service can't read its webhook secrets.");
 }
 
 Webhooks::Tested Webhooks::test(const proto::Webhook& hook, const std::string& tenant) const {
-  const nlohmann::json body{
-      {"type", "webhook.test"}, {"timestamp", now_rfc3339()}, {"data", nlohmann::json::object()}};
-  const Delivery message{new_id("msg_"),       tenant, hook.url, "", hook.secret_ref,
-                         proto::to_text(body), 0};
+  const nlohmann::json body{{"type", "webhook.test"},
+                            {"timestamp", base::now_rfc3339()},
+                            {"data", nlohmann::json::object()}};
+  const store::Delivery message{base::new_id("msg_"), tenant, hook.url, "", hook.secret_ref,
+                                proto::to_text(body), 0};
   return {message.id, send(message, stop_.get_token())};
 }
 
-WebhookAnswer Webhooks::send(const Delivery& delivery, const std::stop_token& stop) const {
+WebhookAnswer Webhooks::send(const store::Delivery& delivery, const std::stop_token& stop) const {
   auto signing = keys(delivery.tenant, delivery.secret_ref);
   if (!signing) return {0, "its secret is not in the service's configuration"};
   return send_webhook(
@@ -85,7 +86,7 @@ WebhookAnswer Webhooks::send(const Delivery& delivery, const std::stop_token& st
       options_.allowed, options_.limits, stop);
 }
 
-std::optional<Delivery> Webhooks::claim() {
+std::optional<store::Delivery> Webhooks::claim() {
   std::vector<std::string> busy;
   for (const auto& [origin, count] : origins_)
     if (count >= kPerOrigin) busy.push_back(origin);
@@ -130,7 +131,7 @@ void Webhooks::loop(const std::stop_token& stop) {
       leave(delivery->origin);
     } catch (const std::exception& e) {
       if (!lock.owns_lock()) lock.lock();
-      log_line(LogLevel::kError, "webhook", {{"what", e.what()}});
+      log_line(base::LogLevel::kError, "webhook", {{"what", e.what()}});
       changed_.wait_for(lock, stop, std::chrono::seconds(1), [] { return false; });
     }
   }
@@ -142,11 +143,11 @@ void Webhooks::leave(const std::string& origin) {
   changed_.notify_all();
 }
 
-void Webhooks::settle(const Delivery& delivery, const WebhookAnswer& answer) {
+void Webhooks::settle(const store::Delivery& delivery, const WebhookAnswer& answer) {
   constexpr int kGone = 410;
   const bool last = delivery.tries >= options_.delays.size() || answer.status == kGone;
   const char* outcome = answer.delivered() ? "delivered" : last ? "failed" : "retried";
-  log_line(last && !answer.delivered() ? LogLevel::kWarn : LogLevel::kInfo, "webhook",
+  log_line(last && !answer.delivered() ? base::LogLevel::kWarn : base::LogLevel::kInfo, "webhook",
            {{"id", delivery.id},
             {"to", delivery.origin},
             {"try", delivery.tries + 1},
@@ -160,4 +161,4 @@ void Webhooks::settle(const Delivery& delivery, const WebhookAnswer& answer) {
   count_(outcome);
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -14,12 +14,12 @@
 
 #include "proto/expected.h"
 #include "proto/webhook.h"
-#include "server/jobs/job_store.h"
+#include "server/store/job_store.h"
 #include "server/webhooks/networks.h"
 #include "server/webhooks/secrets.h"
 #include "server/webhooks/sender.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 
 /// From a failed try to the next; after the last one a message is given up.
 using WebhookDelays = std::vector<std::chrono::milliseconds>;
@@ -43,7 +43,7 @@ class Webhooks {
   /// Told how each try ended: "delivered", "retried" or "failed".
   using Count = std::function<void(std::string_view outcome)>;
 
-  Webhooks(JobStore&, WebhookOptions, Count);
+  Webhooks(store::JobStore&, WebhookOptions, Count);
   ~Webhooks();  ///< stop()
   Webhooks(const Webhooks&) = delete;
   Webhooks& operator=(const Webhooks&) = delete;
@@ -65,15 +65,15 @@ class Webhooks {
   static constexpr unsigned kThreads = 4, kPerOrigin = 2;
 
   void loop(const std::stop_token&);
-  std::optional<Delivery> claim();  ///< needs mutex_
+  std::optional<store::Delivery> claim();  ///< needs mutex_
   void wait(std::unique_lock<std::mutex>&, const std::stop_token&);
-  WebhookAnswer send(const Delivery&, const std::stop_token&) const;
-  void settle(const Delivery&, const WebhookAnswer&);
+  WebhookAnswer send(const store::Delivery&, const std::stop_token&) const;
+  void settle(const store::Delivery&, const WebhookAnswer&);
   void leave(const std::string& origin);  ///< with the mutex held
   proto::Expected<std::vector<std::string>> keys(const std::string& tenant,
                                                  const std::string& name) const;
 
-  JobStore& store_;
+  store::JobStore& store_;
   const WebhookOptions options_;
   const Count count_;
   std::stop_source stop_;
@@ -84,4 +84,4 @@ class Webhooks {
   std::vector<std::jthread> threads_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -7,16 +7,16 @@
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/clip.h"
 
-namespace kiln::test {
+namespace kiln::atlas {
 
-inline std::vector<std::int64_t> empty_page(const baker::Atlas& atlas) {
+inline std::vector<std::int64_t> empty_page(const Atlas& atlas) {
   return std::vector<std::int64_t>(std::size_t(atlas.page_size) * atlas.page_size, -1);
 }
 
 /// Paints each page with chart numbers, by exact clipping. Fails where two charts share a texel or
 /// where the faces of one cover a texel by more than 1 + `slack`: coordinates are floats, an edge
 /// may be off by 1e-4 texel.
-inline std::vector<std::vector<std::int64_t>> paint_charts(const baker::Atlas& atlas,
+inline std::vector<std::vector<std::int64_t>> paint_charts(const Atlas& atlas,
                                                            double slack = 1e-3) {
   std::vector<std::vector<std::int64_t>> pages(atlas.page_count, empty_page(atlas));
   std::vector<std::vector<double>> cover(
@@ -26,15 +26,13 @@ inline std::vector<std::vector<std::int64_t>> paint_charts(const baker::Atlas& a
     const std::uint32_t page = atlas.page_of(t);
     const std::int64_t chart = atlas.triangle_chart[t];
     const int size = int(atlas.page_size);
-    baker::atlas_detail::for_texels(baker::atlas_detail::UvTriangle(atlas, t).polygon(), 0, size,
-                                    size, [&](int x, int y, double area) {
-                                      const auto at =
-                                          std::size_t(y) * atlas.page_size + std::size_t(x);
-                                      auto& owner = pages[page][at];
-                                      shared += owner >= 0 && owner != chart;
-                                      owner = chart;
-                                      cover[page][at] += area;
-                                    });
+    for_texels(UvTriangle(atlas, t).polygon(), 0, size, size, [&](int x, int y, double area) {
+      const auto at = std::size_t(y) * atlas.page_size + std::size_t(x);
+      auto& owner = pages[page][at];
+      shared += owner >= 0 && owner != chart;
+      owner = chart;
+      cover[page][at] += area;
+    });
   }
   for (const auto& page : cover) {
     for (const double c : page) twice += c > 1 + slack;
@@ -46,7 +44,7 @@ inline std::vector<std::vector<std::int64_t>> paint_charts(const baker::Atlas& a
 
 /// Every texel within `gutter` (in both axes) of a chart is empty or the chart's own, and lies on
 /// the page.
-inline void expect_gutter(const baker::Atlas& atlas, int gutter, double slack = 1e-3) {
+inline void expect_gutter(const Atlas& atlas, int gutter, double slack = 1e-3) {
   const int size = int(atlas.page_size);
   std::uint64_t near = 0, beyond = 0;
   for (const auto& page : paint_charts(atlas, slack)) {
@@ -70,7 +68,7 @@ inline void expect_gutter(const baker::Atlas& atlas, int gutter, double slack = 
 }
 
 /// The arrays fit each other, whatever the scene.
-inline void expect_consistent(const baker::Scene& scene, const baker::Atlas& atlas) {
+inline void expect_consistent(const scene::Scene& scene, const Atlas& atlas) {
   ASSERT_EQ(atlas.triangles.size(), scene.triangles.size());
   ASSERT_EQ(atlas.triangle_chart.size(), scene.triangles.size());
   ASSERT_EQ(atlas.placements.size(), scene.instances.size());
@@ -87,7 +85,7 @@ inline void expect_consistent(const baker::Scene& scene, const baker::Atlas& atl
       ASSERT_GE(v, atlas.part_first_vertex[part]);
       ASSERT_LT(v, atlas.part_first_vertex[part + 1]);
       ASSERT_EQ(atlas.vertices[v].scene_vertex, scene.triangles[t][k]);
-      const baker::Vec2 uv = atlas.vertices[v].uv;
+      const math::Vec2 uv = atlas.vertices[v].uv;
       ASSERT_TRUE(uv.x >= chart.min.x && uv.y >= chart.min.y);
       ASSERT_TRUE(uv.x <= chart.max.x && uv.y <= chart.max.y);
       ASSERT_TRUE(uv.x >= 0 && uv.y >= 0);
@@ -96,4 +94,4 @@ inline void expect_consistent(const baker::Scene& scene, const baker::Atlas& atl
   }
 }
 
-}  // namespace kiln::test
+}  // namespace kiln::atlas

@@ -6,9 +6,9 @@
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/thread_pool.h"
-#include "support/scenes.h"
+#include "tests/support/scenes.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
 
 using test::Mesh;
@@ -16,7 +16,7 @@ using test::quad;
 using test::SceneBuilder;
 
 /// The scene's own layout on one page, unchecked: what the rasteriser sees of valid TEXCOORD_1.
-Atlas as_is(const Scene& scene, std::uint32_t page_size) {
+Atlas as_is(const scene::Scene& scene, std::uint32_t page_size) {
   Atlas atlas;
   atlas.page_size = page_size;
   atlas.page_count = 1;
@@ -35,7 +35,7 @@ double sum(const std::vector<float>& v) {
   return std::accumulate(v.begin(), v.end(), 0.0);
 }
 
-double surface_area(const Scene& scene) {
+double surface_area(const scene::Scene& scene) {
   double sum = 0;
   for (std::uint32_t t = 0; t < scene.triangles.size(); ++t) {
     sum += double(triangle_area(scene, t));
@@ -49,7 +49,7 @@ void expect_points_inside(const Atlas& atlas, const TextureGroup& group) {
     for (const SamplePoint& p : group.points_of(t)) {
       ASSERT_LE(unsigned(p.u) + p.v, 65535u);
       ASSERT_EQ(atlas.triangle_chart[p.triangle], group.chart[t]);
-      const Vec2 at = atlas.uv_at(p.triangle, p.bary());
+      const math::Vec2 at = atlas.uv_at(p.triangle, p.bary());
       // 1/65535 of the triangle's size on the page, at most the page's diagonal, and float
       // rounding.
       const float slack = 2.f * float(atlas.page_size) / 65535.f + 1e-3f;
@@ -62,8 +62,10 @@ void expect_points_inside(const Atlas& atlas, const TextureGroup& group) {
 }
 
 TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
-  const Scene scene =
-      SceneBuilder().part(quad({0, 0, 0}, {2, 0, 0}, {0, 3, 0}, {0.25f, 0.5f}, {0.75f, 1})).build();
+  const scene::Scene scene =
+      SceneBuilder()
+          .part(test::quad({0, 0, 0}, {2, 0, 0}, {0, 3, 0}, {0.25f, 0.5f}, {0.75f, 1}))
+          .build();
   const auto group = rasterise(scene, as_is(scene, 16));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 8u * 8u);
@@ -74,7 +76,7 @@ TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
     EXPECT_GE(group->y[t], 8);
     EXPECT_NEAR(group->coverage[t], 1, 1e-6);
     EXPECT_NEAR(group->area_m2[t], 6.0 / 64, 1e-6);
-    EXPECT_EQ(group->shading_normal[t], (Vec3{0, 0, 1}));
+    EXPECT_EQ(group->shading_normal[t], (math::Vec3{0, 0, 1}));
     // Texel (4, 8) is the corner with uv_min, where the quad's corner lies.
     EXPECT_NEAR(group->position[t].x, (group->x[t] - 4 + 0.5) / 8 * 2, 1e-3);
     EXPECT_NEAR(group->position[t].y, (group->y[t] - 8 + 0.5) / 8 * 3, 1e-3);
@@ -86,7 +88,7 @@ TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
 TEST(Rasterise, KnownPartialCoverage) {
   // One triangle: the lower left half of the page, cut along texel diagonals.
   Mesh half{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 0}, {1, 0}, {0, 1}}, {{0, 1, 2}}};
-  const Scene scene = SceneBuilder().part(half).build();
+  const scene::Scene scene = SceneBuilder().part(half).build();
   const auto group = rasterise(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 36u);
@@ -101,8 +103,10 @@ TEST(Rasterise, KnownPartialCoverage) {
 
 TEST(Rasterise, TexelThatIsOnlyTouchedIsIncluded) {
   // Reaches 1/50 texel into the second column.
-  const Scene scene =
-      SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {1.02f / 4, 1})).build();
+  const scene::Scene scene =
+      SceneBuilder()
+          .part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {1.02f / 4, 1}))
+          .build();
   const auto group = rasterise(scene, as_is(scene, 4));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 8u);
@@ -118,12 +122,12 @@ TEST(Rasterise, AreasSumToTheSurface) {
   fan.positions.push_back({0, 0, 0});
   fan.uv.push_back({0.503f, 0.497f});
   for (int i = 0; i <= 37; ++i) {
-    const float a = 2 * kPi * float(i) / 37, r = i % 2 ? 0.47f : 0.31f;
+    const float a = 2 * math::kPi * float(i) / 37, r = i % 2 ? 0.47f : 0.31f;
     fan.positions.push_back({3 * std::cos(a), 2 * std::sin(a), std::sin(3 * a)});
     fan.uv.push_back({0.503f + r * std::cos(a), 0.497f + r * std::sin(a)});
     if (i > 0) fan.triangles.push_back({0, std::uint32_t(i), std::uint32_t(i + 1)});
   }
-  const Scene scene = SceneBuilder().part(fan).build();
+  const scene::Scene scene = SceneBuilder().part(fan).build();
   for (const std::uint32_t size : {1u, 7u, 64u, 301u}) {
     const Atlas atlas = as_is(scene, size);
     const auto group = rasterise(scene, atlas);
@@ -136,13 +140,14 @@ TEST(Rasterise, AreasSumToTheSurface) {
 TEST(Rasterise, PointsAreSpreadByArea) {
   // Mean over the points of a linear function is near its mean over the footprint. For 16 points
   // stratified one by one the error of a mean over a unit length is at most 1/16 on one axis.
-  const Scene scene = SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
+  const scene::Scene scene =
+      SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   const Atlas atlas = as_is(scene, 32);
   const auto group = rasterise(scene, atlas);
   ASSERT_TRUE(group);
   double worst = 0, total = 0;
   for (std::uint32_t t = 0; t < group->size(); ++t) {
-    Vec2 mean;
+    math::Vec2 mean;
     for (const SamplePoint& p : group->points_of(t))
       mean = mean + atlas.uv_at(p.triangle, p.bary());
     mean = mean * (1.f / 16);
@@ -157,9 +162,9 @@ TEST(Rasterise, PointsAreSpreadByArea) {
 
 TEST(Rasterise, TexelOfTwoChartsGoesToTheOneThatCoversMost) {
   SceneBuilder builder;
-  builder.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.55f, 1}));
-  builder.part(quad({0, 0, 5}, {4, 0, 0}, {0, 1, 0}, {0.55f, 0}, {1, 1}));
-  const Scene scene = builder.build();
+  builder.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.55f, 1}));
+  builder.part(test::quad({0, 0, 5}, {4, 0, 0}, {0, 1, 0}, {0.55f, 0}, {1, 1}));
+  const scene::Scene scene = builder.build();
   const Atlas atlas = as_is(scene, 2);  // chart 0 takes column 0 and 10 % of column 1
   const auto group = rasterise(scene, atlas);
   ASSERT_TRUE(group);
@@ -174,11 +179,11 @@ TEST(Rasterise, TexelOfTwoChartsGoesToTheOneThatCoversMost) {
 }
 
 TEST(Rasterise, FlatTriangleGivesItsAreaToItsChart) {
-  Mesh mesh = quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0});
+  Mesh mesh = test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0});
   mesh.positions.push_back({0.5f, -1, 0});  // below the lower edge, squeezed onto it in uv
   mesh.uv.push_back({0.5f, 0});
   mesh.triangles.push_back({0, 4, 1});
-  const Scene scene = SceneBuilder().part(mesh).build();
+  const scene::Scene scene = SceneBuilder().part(mesh).build();
   const auto group = rasterise(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 64u);
@@ -187,14 +192,14 @@ TEST(Rasterise, FlatTriangleGivesItsAreaToItsChart) {
 
 TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
   SceneBuilder builder;
-  Material one, two;
+  scene::Material one, two;
   one.base_color = {0.3f, 0.3f, 0.3f};
   two.base_color = {1, 0.5f, 0.25f};
   two.double_sided = true;
   builder.material(one), builder.material(two);
-  builder.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}), 0);
-  builder.part(quad({0, 0, 5}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), 1);
-  const Scene scene = builder.build();
+  builder.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}), 0);
+  builder.part(test::quad({0, 0, 5}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), 1);
+  const scene::Scene scene = builder.build();
   const auto group = rasterise(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->front_count, 64u);
@@ -211,7 +216,7 @@ TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
     EXPECT_EQ(group->shading_normal[b], -group->shading_normal[t]);
     EXPECT_EQ(group->position[b], group->position[t]);
     EXPECT_EQ(group->albedo[b], group->albedo[t]);
-    EXPECT_EQ(group->albedo[b].r, kMaxAlbedo);
+    EXPECT_EQ(group->albedo[b].r, scene::kMaxAlbedo);
     EXPECT_NEAR(group->albedo[b].b, 0.25f, 1e-6);
     EXPECT_EQ(group->area_m2[b], group->area_m2[t]);
     EXPECT_EQ(group->points_of(b)[15].u, group->points_of(t)[15].u);
@@ -221,7 +226,8 @@ TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
 }
 
 TEST(Rasterise, TexelsAreSortedByBlocks) {
-  const Scene scene = SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
+  const scene::Scene scene =
+      SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   const auto group = rasterise(scene, as_is(scene, 20));
   ASSERT_TRUE(group);
   const auto key = [&](std::uint32_t t) {
@@ -233,7 +239,8 @@ TEST(Rasterise, TexelsAreSortedByBlocks) {
 }
 
 TEST(Rasterise, StopsWhenTold) {
-  const Scene scene = SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
+  const scene::Scene scene =
+      SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   std::stop_source stop;
   stop.request_stop();
   const auto group = rasterise(scene, as_is(scene, 64), stop.get_token());
@@ -252,26 +259,27 @@ Texel8 pattern(std::uint32_t x, std::uint32_t y) {
 }
 
 /// Adds an image of side x side pixels to the scene, seen without interpolation.
-Texture add_image(Scene& scene, std::uint32_t side,
+Texture add_image(scene::Scene& scene, std::uint32_t side,
                   Texel8 (*colour)(std::uint32_t, std::uint32_t)) {
   scene.images.push_back({side, side, scene.image_texels.size()});
   for (std::uint32_t y = 0; y < side; ++y) {
     for (std::uint32_t x = 0; x < side; ++x) scene.image_texels.push_back(colour(x, y));
   }
-  return {std::int32_t(scene.images.size() - 1), Wrap::kRepeat, Wrap::kRepeat, true};
+  return {std::int32_t(scene.images.size() - 1), scene::Wrap::kRepeat, scene::Wrap::kRepeat, true};
 }
 
 /// Mean of the 2 x 2 pixels that lie under a texel.
 Rgb pattern_mean(std::uint32_t x, std::uint32_t y) {
-  Rgb sum;
+  math::Rgb sum;
   for (std::uint32_t i = 0; i < 4; ++i) {
     const Texel8 c = pattern(2 * x + i % 2, 2 * y + i / 2);
-    sum += Rgb{srgb_to_linear(c[0]), srgb_to_linear(c[1]), srgb_to_linear(c[2])};
+    sum += math::Rgb{scene::srgb_to_linear(c[0]), scene::srgb_to_linear(c[1]),
+                     scene::srgb_to_linear(c[2])};
   }
   return sum * 0.25f;
 }
 
-void expect_colour(Rgb actual, Rgb expected) {
+void expect_colour(math::Rgb actual, math::Rgb expected) {
   EXPECT_NEAR(actual.r, expected.r, 1e-5f * std::max(1.f, expected.r));
   EXPECT_NEAR(actual.g, expected.g, 1e-5f * std::max(1.f, expected.g));
   EXPECT_NEAR(actual.b, expected.b, 1e-5f * std::max(1.f, expected.b));
@@ -280,8 +288,8 @@ void expect_colour(Rgb actual, Rgb expected) {
 // Four pixels to a texel, and sixteen points of which each pixel gets four: the mean is exact.
 TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
   SceneBuilder b;
-  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
-  Scene scene = b.build();
+  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
+  scene::Scene scene = b.build();
   scene.base_uv = scene.lightmap_uv;
   scene.materials[0].base_color = {0.9f, 0.5f, 0.25f};
   scene.materials[0].base_texture = add_image(scene, 16, pattern);
@@ -290,7 +298,7 @@ TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
   ASSERT_EQ(group->size(), 64u);
   for (std::uint32_t t = 0; t < group->size(); ++t)
     expect_colour(group->albedo[t],
-                  Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
+                  math::Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
 }
 
 template <class T>
@@ -301,8 +309,8 @@ void expect_same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
 
 TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
   SceneBuilder b;
-  b.part(quad({0, 0, 0}, {1, 0, 0}, {0.3f, 1, 0}));
-  Scene scene = b.build();
+  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0.3f, 1, 0}));
+  scene::Scene scene = b.build();
   scene.base_uv = scene.lightmap_uv;
   scene.materials[0].base_color = {1, 1, 1};
   scene.materials[0].base_texture = add_image(scene, 64, pattern);
@@ -311,7 +319,7 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
   ASSERT_TRUE(alone);
   EXPECT_GT(alone->albedo_capped, 0u);
   for (const unsigned threads : {1u, 4u}) {
-    ThreadPool pool(threads);
+    exec::ThreadPool pool(threads);
     const auto group = rasterise(scene, atlas, {}, kMaxBandPieces, &pool);
     ASSERT_TRUE(group);
     EXPECT_EQ(group->front_count, alone->front_count);
@@ -332,10 +340,10 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
 // A texel that two materials share holds the mean of both, by area.
 TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
   SceneBuilder b;
-  b.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}));
+  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}));
   const auto plain = b.material({{0.2f, 0.2f, 0.2f}, {40, 40, 40}, {}, {}});
-  b.part(quad({1, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), plain);
-  Scene scene = b.build();
+  b.part(test::quad({1, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), plain);
+  scene::Scene scene = b.build();
   scene.base_uv = scene.lightmap_uv;
   scene.materials[0].base_color = {1, 1, 1};
   scene.materials[0].base_texture =
@@ -348,22 +356,22 @@ TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
   const auto group = rasterise(scene, atlas);
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 1u);
-  expect_colour(group->albedo[0], Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
+  expect_colour(group->albedo[0], math::Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
 }
 
 TEST(Rasterise, AlbedoOverTheCapIsCutAndCounted) {
-  Scene scene = SceneBuilder().part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
+  scene::Scene scene = SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   scene.materials[0].base_color = {1, 0.5f, 1};
   const auto group = rasterise(scene, as_is(scene, 4));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->albedo_capped, 16u);
-  expect_colour(group->albedo[0], {kMaxAlbedo, 0.5f, kMaxAlbedo});
+  expect_colour(group->albedo[0], {scene::kMaxAlbedo, 0.5f, scene::kMaxAlbedo});
 }
 
 TEST(Rasterise, TooManyTrianglesInAFewRowsAreRefused) {
   SceneBuilder b;
-  for (int i = 0; i < 10; ++i) b.part(quad({0, 0, float(i)}, {1, 0, 0}, {0, 1, 0}));
-  const Scene scene = b.build();
+  for (int i = 0; i < 10; ++i) b.part(test::quad({0, 0, float(i)}, {1, 0, 0}, {0, 1, 0}));
+  const scene::Scene scene = b.build();
   const Atlas atlas = as_is(scene, 16);
   // Eight rows of 16 texels, ten times; those on a quad's diagonal hold pieces of two triangles.
   const std::size_t pieces = 10 * (8 * 16 + 8);
@@ -374,4 +382,4 @@ TEST(Rasterise, TooManyTrianglesInAFewRowsAreRefused) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

@@ -2,12 +2,12 @@
 
 #include <limits>
 
-#include "atlas/atlas_checks.h"
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
-#include "support/scenes.h"
+#include "tests/atlas/atlas_checks.h"
+#include "tests/support/scenes.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
 
 using proto::AtlasSettings;
@@ -21,16 +21,16 @@ AtlasSettings page(std::uint32_t size) {
   return s;
 }
 
-Atlas build(const Scene& scene, const AtlasSettings& settings = page(128)) {
+Atlas build(const scene::Scene& scene, const AtlasSettings& settings = page(128)) {
   auto atlas = build_atlas(scene, settings);
   EXPECT_TRUE(atlas) << atlas.error().message;
   if (!atlas) return {};
-  test::expect_consistent(scene, *atlas);
+  expect_consistent(scene, *atlas);
   return std::move(*atlas);
 }
 
-Mesh floor_at(float height, Vec2 uv_min, Vec2 uv_max) {
-  return quad({0, height, 2}, {2, 0, 0}, {0, 0, -2}, uv_min, uv_max);
+Mesh floor_at(float height, math::Vec2 uv_min, math::Vec2 uv_max) {
+  return test::quad({0, height, 2}, {2, 0, 0}, {0, 0, -2}, uv_min, uv_max);
 }
 Mesh whole_floor() {
   return floor_at(0, {0, 0}, {1, 1});
@@ -38,7 +38,7 @@ Mesh whole_floor() {
 
 /// The reason why the mesh's layout is refused; "" when it is used.
 std::string refusal(const Mesh& mesh, std::uint32_t page_size = 128) {
-  const Scene scene = SceneBuilder().part(mesh).build();
+  const scene::Scene scene = SceneBuilder().part(mesh).build();
   const Atlas atlas = build(scene, page(page_size));
   EXPECT_EQ(atlas.placements[0].uses_source_uv, atlas.placements[0].reason.empty());
   return atlas.placements[0].reason;
@@ -48,13 +48,13 @@ TEST(SourceUv, SceneWideLayoutIsUsedAsItIs) {
   SceneBuilder builder;
   builder.instance().part(floor_at(0, {0, 0}, {0.5f, 0.5f}));
   builder.instance().part(floor_at(1, {0.5f, 0.25f}, {1, 0.75f}));
-  const Scene scene = builder.build();
+  const scene::Scene scene = builder.build();
   const Atlas atlas = build(scene);
   EXPECT_EQ(atlas.page_count, 1u);
   for (const InstancePlacement& p : atlas.placements) {
     EXPECT_TRUE(p.uses_source_uv);
-    EXPECT_EQ(p.scale, (Vec2{1, 1}));
-    EXPECT_EQ(p.offset, (Vec2{0, 0}));
+    EXPECT_EQ(p.scale, (math::Vec2{1, 1}));
+    EXPECT_EQ(p.offset, (math::Vec2{0, 0}));
   }
   for (const AtlasVertex& v : atlas.vertices) {
     EXPECT_EQ(v.uv, scene.lightmap_uv[v.scene_vertex] * 128.f);
@@ -66,12 +66,12 @@ TEST(SourceUv, LayoutsThatFillThePageEachGetTheirOwnPlace) {
   SceneBuilder builder;
   builder.instance().part(whole_floor());
   builder.instance().part(whole_floor(), 0, {0, 3, 0});
-  const Scene scene = builder.build();
+  const scene::Scene scene = builder.build();
   const Atlas atlas = build(scene);
-  test::expect_gutter(atlas, 4);
+  expect_gutter(atlas, 4);
   for (const AtlasVertex& v : atlas.vertices) {
     const auto& p = atlas.placements[v.scene_vertex / 4];
-    const Vec2 uv = scene.lightmap_uv[v.scene_vertex];
+    const math::Vec2 uv = scene.lightmap_uv[v.scene_vertex];
     EXPECT_TRUE(p.uses_source_uv);
     EXPECT_NEAR(v.uv.x / 128, uv.x * p.scale.x + p.offset.x, 1e-6);
     EXPECT_NEAR(v.uv.y / 128, uv.y * p.scale.y + p.offset.y, 1e-6);
@@ -81,7 +81,7 @@ TEST(SourceUv, LayoutsThatFillThePageEachGetTheirOwnPlace) {
 TEST(SourceUv, RectanglesFollowTheSurfacesDensity) {
   SceneBuilder builder;
   builder.instance().part(whole_floor());  // 2 m
-  builder.instance().part(quad({0, 5, 8}, {8, 0, 0}, {0, 0, -8}));
+  builder.instance().part(test::quad({0, 5, 8}, {8, 0, 0}, {0, 0, -8}));
   const Atlas atlas = build(builder.build());
   const auto width = [&](int i) { return atlas.charts[i].max.x - atlas.charts[i].min.x; };
   EXPECT_NEAR(width(1) / width(0), 4, 0.2);
@@ -136,7 +136,7 @@ TEST(SourceUv, RefusesCoveringTwiceWithFacesSmallerThanATexel) {
   }
   EXPECT_EQ(refusal(fine, 64), "");
   Mesh twice = fine;
-  for (Vec3& p : fine.positions) p.y = 1;
+  for (math::Vec3& p : fine.positions) p.y = 1;
   twice.append(fine);
   EXPECT_NE(refusal(twice, 64).find("overlap"), std::string::npos);
 }
@@ -166,9 +166,9 @@ TEST(SourceUv, OtherInstancesAreUnwrappedBesideValidOnes) {
   builder.instance().part(floor_at(0, {0, 0}, {0.5f, 0.5f}));
   builder.instance().part(test::cube(1), 0, {1, 2, -1});
   builder.instance().part(floor_at(4, {0.5f, 0}, {1, 0.5f}));
-  const Scene scene = builder.build();
+  const scene::Scene scene = builder.build();
   const Atlas atlas = build(scene);
-  test::expect_gutter(atlas, 0);
+  expect_gutter(atlas, 0);
   EXPECT_EQ(atlas.page_count, 1u);
   EXPECT_TRUE(atlas.placements[0].uses_source_uv);
   EXPECT_FALSE(atlas.placements[1].uses_source_uv);
@@ -180,7 +180,7 @@ TEST(SourceUv, OtherInstancesAreUnwrappedBesideValidOnes) {
     const std::uint32_t instance = v.scene_vertex < 4 ? 0 : v.scene_vertex < 28 ? 1 : 2;
     if (instance == 1) continue;
     const auto& p = atlas.placements[instance];
-    const Vec2 uv = scene.lightmap_uv[v.scene_vertex];
+    const math::Vec2 uv = scene.lightmap_uv[v.scene_vertex];
     EXPECT_NEAR(v.uv.x / 128, uv.x * p.scale.x + p.offset.x, 1e-6);
     EXPECT_NEAR(v.uv.y / 128, uv.y * p.scale.y + p.offset.y, 1e-6);
   }
@@ -223,11 +223,11 @@ TEST(SourceUv, AlwaysUnwrapsWhenTold) {
 TEST(SourceUv, ChartsAreConnectedPieces) {
   Mesh room = floor_at(0, {0, 0}, {0.4f, 0.4f});
   // A wall that shares the floor's rear edge in space and on the page, and one that does in space.
-  room.append(quad({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {0, 0.4f}, {0.4f, 0.8f}));
-  room.append(quad({0, 0, 2}, {0, 0, -2}, {0, 2, 0}, {0.5f, 0}, {0.9f, 0.4f}));
+  room.append(test::quad({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {0, 0.4f}, {0.4f, 0.8f}));
+  room.append(test::quad({0, 0, 2}, {0, 0, -2}, {0, 2, 0}, {0.5f, 0}, {0.9f, 0.4f}));
   const Atlas atlas = build(SceneBuilder().part(room).build());
   EXPECT_EQ(atlas.triangle_chart, (std::vector<std::uint32_t>{0, 0, 0, 0, 1, 1}));
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

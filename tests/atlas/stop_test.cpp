@@ -7,11 +7,11 @@
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/exec/stop.h"
-#include "support/sanitizer.h"
-#include "support/scenes.h"
-#include "support/stop_timing.h"
+#include "tests/support/sanitizer.h"
+#include "tests/support/scenes.h"
+#include "tests/support/stop_timing.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
 
 using namespace std::chrono_literals;
@@ -21,11 +21,11 @@ Scene hills(std::uint32_t n, bool loose) {
   test::Mesh m;
   const auto at = [n](std::uint32_t x, std::uint32_t z) {
     const float u = float(x) / float(n), v = float(z) / float(n);
-    return Vec3{20 * u, 2 * std::sin(9 * u) * std::cos(7 * v) + 3 * u * v, 20 * v};
+    return math::Vec3{20 * u, 2 * std::sin(9 * u) * std::cos(7 * v) + 3 * u * v, 20 * v};
   };
-  const auto add = [&](Vec3 a, Vec3 b, Vec3 c, float lift) {
+  const auto add = [&](math::Vec3 a, math::Vec3 b, math::Vec3 c, float lift) {
     const auto first = std::uint32_t(m.positions.size());
-    for (const Vec3 p : {a, b, c}) m.positions.push_back(p + Vec3{0, lift, 0});
+    for (const math::Vec3 p : {a, b, c}) m.positions.push_back(p + math::Vec3{0, lift, 0});
     m.triangles.push_back({first, first + 1, first + 2});
   };
   for (std::uint32_t z = 0; z < n; ++z) {
@@ -38,7 +38,7 @@ Scene hills(std::uint32_t n, bool loose) {
   return test::SceneBuilder().part(m).build();
 }
 
-double seconds_after_stop(const Scene& scene, std::chrono::milliseconds delay) {
+double seconds_after_stop(const scene::Scene& scene, std::chrono::milliseconds delay) {
   const auto work = [&](std::stop_token stop) { return build_atlas(scene, {}, stop); };
   return test::seconds_after_stop(work, delay);
 }
@@ -46,7 +46,7 @@ double seconds_after_stop(const Scene& scene, std::chrono::milliseconds delay) {
 constexpr std::uint32_t kCells = test::kSlowdown > 1 ? 300 : 1000;  // two triangles each
 
 TEST(Stop, UnwrappingTwoMillionTrianglesEndsWithinASecond) {
-  const Scene scene = hills(kCells, false);
+  const scene::Scene scene = hills(kCells, false);
   for (const auto delay : {100ms, 400ms, 1000ms, 2000ms, 3000ms}) {
     EXPECT_LT(seconds_after_stop(scene, delay / test::kSlowdown), 1.0) << delay.count() << " ms";
   }
@@ -54,14 +54,14 @@ TEST(Stop, UnwrappingTwoMillionTrianglesEndsWithinASecond) {
 }
 
 TEST(Stop, TwoMillionChartsToo) {
-  const Scene scene = hills(kCells, true);
+  const scene::Scene scene = hills(kCells, true);
   for (const auto delay : {100ms, 1500ms, 4000ms}) {
     EXPECT_LT(seconds_after_stop(scene, delay / test::kSlowdown), 1.0) << delay.count() << " ms";
   }
 }
 
 TEST(Stop, RasterisingTwoMillionTriangles) {
-  const Scene scene = hills(kCells, false);
+  const scene::Scene scene = hills(kCells, false);
   const auto atlas = build_atlas(scene, {});
   ASSERT_TRUE(atlas) << atlas.error().message;
   test::expect_quick_stops([&](std::stop_token stop) { return rasterise(scene, *atlas, stop); });
@@ -77,12 +77,12 @@ TEST(Stop, TheStoppableSortIsAStableSort) {
   auto expected = values;
   const auto less = [](const auto& a, const auto& b) { return a.first < b.first; };
   std::stable_sort(expected.begin(), expected.end(), less);
-  EXPECT_TRUE(sort_unless_stopped(values, less, {}));
+  EXPECT_TRUE(exec::sort_unless_stopped(values, less, {}));
   EXPECT_EQ(values, expected);
   std::stop_source source;
   source.request_stop();
-  EXPECT_FALSE(sort_unless_stopped(values, less, source.get_token()));
+  EXPECT_FALSE(exec::sort_unless_stopped(values, less, source.get_token()));
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

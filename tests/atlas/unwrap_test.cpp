@@ -2,11 +2,11 @@
 
 #include <set>
 
-#include "atlas/atlas_checks.h"
 #include "baker/atlas/atlas.h"
-#include "support/scenes.h"
+#include "tests/atlas/atlas_checks.h"
+#include "tests/support/scenes.h"
 
-namespace kiln::baker {
+namespace kiln::atlas {
 namespace {
 
 using proto::AtlasSettings;
@@ -49,9 +49,9 @@ Mesh soup(std::uint32_t count) {
   };
   Mesh m;
   for (std::uint32_t i = 0; i < count; ++i) {
-    const Vec3 centre{10 * random(), 10 * random(), 10 * random()};
+    const math::Vec3 centre{10 * random(), 10 * random(), 10 * random()};
     for (std::uint32_t k = 0; k < 3; ++k) {
-      m.positions.push_back(centre + Vec3{random(), random(), random()});
+      m.positions.push_back(centre + math::Vec3{random(), random(), random()});
     }
     m.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
@@ -63,7 +63,7 @@ Mesh spiral(std::uint32_t turns) {
   Mesh m;
   const std::uint32_t per_turn = 24;
   for (std::uint32_t i = 0; i <= turns * per_turn; ++i) {
-    const float a = 2 * kPi * float(i) / per_turn, y = 0.02f * float(i);
+    const float a = 2 * math::kPi * float(i) / per_turn, y = 0.02f * float(i);
     m.positions.push_back({std::cos(a), y, -std::sin(a)});
     m.positions.push_back({2 * std::cos(a), y, -2 * std::sin(a)});
     if (i == 0) continue;
@@ -74,17 +74,17 @@ Mesh spiral(std::uint32_t turns) {
   return m;
 }
 
-Atlas unwrap(const Scene& scene, const AtlasSettings& settings, double slack = 1e-3) {
+Atlas unwrap(const scene::Scene& scene, const AtlasSettings& settings, double slack = 1e-3) {
   auto atlas = build_atlas(scene, settings);
   EXPECT_TRUE(atlas) << atlas.error().message;
   if (!atlas) return {};
-  test::expect_consistent(scene, *atlas);
-  test::expect_gutter(*atlas, int(settings.gutter), slack);
+  expect_consistent(scene, *atlas);
+  expect_gutter(*atlas, int(settings.gutter), slack);
   return std::move(*atlas);
 }
 
 TEST(Unwrap, CubeHasSixCharts) {
-  const Scene scene = SceneBuilder().part(test::cube(2)).build();
+  const scene::Scene scene = SceneBuilder().part(test::cube(2)).build();
   const Atlas atlas = unwrap(scene, page(128));
   EXPECT_EQ(atlas.charts.size(), 6u);
   EXPECT_EQ(atlas.page_count, 1u);
@@ -114,10 +114,10 @@ TEST(Unwrap, SpiralIsCutIntoItsTurns) {
 }
 
 TEST(Unwrap, NoFaceIsFlippedAndFewAreSqueezed) {
-  const Scene scene = SceneBuilder().part(test::sphere(1, 24)).part(terrain(40)).build();
+  const scene::Scene scene = SceneBuilder().part(test::sphere(1, 24)).part(terrain(40)).build();
   const Atlas atlas = unwrap(scene, page(512));
   for (std::uint32_t t = 0; t < atlas.triangles.size(); ++t) {
-    const atlas_detail::UvTriangle uv(atlas, t);
+    const UvTriangle uv(atlas, t);
     EXPECT_GT(uv.det, 0);
     // At most 65 degrees off the chart's plane: cos 65 of the density in one direction.
     const double density2 = uv.area() / double(triangle_area(scene, t));
@@ -126,15 +126,15 @@ TEST(Unwrap, NoFaceIsFlippedAndFewAreSqueezed) {
 }
 
 TEST(Unwrap, TinyChartsGetATexel) {
-  const Scene scene = SceneBuilder()
-                          .part(quad({0, 0, 0}, {100, 0, 0}, {0, 100, 0}))
-                          .part(quad({0, 0, 9}, {0.01f, 0, 0}, {0, 0.01f, 0}))
-                          .build();
+  const scene::Scene scene = SceneBuilder()
+                                 .part(test::quad({0, 0, 0}, {100, 0, 0}, {0, 100, 0}))
+                                 .part(test::quad({0, 0, 9}, {0.01f, 0, 0}, {0, 0.01f, 0}))
+                                 .build();
   AtlasSettings settings = page(128);
   settings.unwrap = proto::Unwrap::kAlways;
   const Atlas atlas = unwrap(scene, settings);
   ASSERT_EQ(atlas.charts.size(), 2u);
-  EXPECT_EQ(atlas.charts[1].max - atlas.charts[1].min, (Vec2{1, 1}));
+  EXPECT_EQ(atlas.charts[1].max - atlas.charts[1].min, (math::Vec2{1, 1}));
 }
 
 TEST(Unwrap, TwoInstancesOfOneMeshGetTwoPlaces) {
@@ -148,7 +148,7 @@ TEST(Unwrap, TwoInstancesOfOneMeshGetTwoPlaces) {
 TEST(Unwrap, DensityFillsPagesAsNeeded) {
   SceneBuilder builder;
   for (int i = 0; i < 10; ++i) builder.instance().part(test::cube(1), 0, {2.f * float(i), 0, 0});
-  const Scene scene = builder.build();
+  const scene::Scene scene = builder.build();
   AtlasSettings settings = page(128);
   settings.texels_per_metre = 20.f;  // six charts of 20 x 20 and gutters: 3456 of 15376 texels
   const Atlas atlas = unwrap(scene, settings);
@@ -168,7 +168,8 @@ TEST(Unwrap, DensityFillsPagesAsNeeded) {
 }
 
 /// The number behind `name` in the error of an atlas that is too small; 0 where it has none.
-std::uint32_t advised(const Scene& scene, const AtlasSettings& settings, const std::string& name) {
+std::uint32_t advised(const scene::Scene& scene, const AtlasSettings& settings,
+                      const std::string& name) {
   const auto refused = build_atlas(scene, settings);
   EXPECT_FALSE(refused);
   if (refused) return 0;
@@ -181,7 +182,7 @@ std::uint32_t advised(const Scene& scene, const AtlasSettings& settings, const s
              : std::uint32_t(std::stoul(refused.error().message.substr(found + name.size())));
 }
 
-bool fits(const Scene& scene, AtlasSettings settings, std::uint32_t page_size,
+bool fits(const scene::Scene& scene, AtlasSettings settings, std::uint32_t page_size,
           std::uint32_t max_pages) {
   settings.page_size = page_size;
   settings.max_pages = max_pages;
@@ -189,7 +190,7 @@ bool fits(const Scene& scene, AtlasSettings settings, std::uint32_t page_size,
 }
 
 TEST(Unwrap, TooManyChartsIsAnErrorThatSaysWhatWouldDo) {
-  const Scene scene = SceneBuilder().part(soup(2000)).build();
+  const scene::Scene scene = SceneBuilder().part(soup(2000)).build();
   const auto atlas = build_atlas(scene, page(64));
   ASSERT_FALSE(atlas);
   EXPECT_NE(atlas.error().message.find("2000 charts"), std::string::npos);
@@ -203,7 +204,7 @@ TEST(Unwrap, TooManyChartsIsAnErrorThatSaysWhatWouldDo) {
 TEST(Unwrap, AnErrorNamesTheFewestPagesThatWouldDo) {
   SceneBuilder builder;
   for (int i = 0; i < 40; ++i) builder.instance().part(soup(10), 0, {12.f * float(i), 0, 0});
-  const Scene scene = builder.build();
+  const scene::Scene scene = builder.build();
   AtlasSettings settings = page(64);
   for (const std::optional<float> density : {std::optional<float>(), {2.f}, {20.f}}) {
     settings.texels_per_metre = density;
@@ -220,7 +221,7 @@ TEST(Unwrap, AnErrorNamesTheFewestPagesThatWouldDo) {
 }
 
 TEST(Unwrap, ADensityThatNoPageHoldsIsBestLeftOut) {
-  const Scene scene = SceneBuilder().part(soup(2000)).build();
+  const scene::Scene scene = SceneBuilder().part(soup(2000)).build();
   AtlasSettings settings = page(64);
   settings.texels_per_metre = 1e5f;
   const auto refused = build_atlas(scene, settings);
@@ -243,20 +244,20 @@ TEST(Unwrap, SpillsOntoMorePagesOnlyWhenOneCannotHoldTheCharts) {
 
 TEST(Unwrap, ChartsDoNotMixSidedness) {
   SceneBuilder builder;
-  Material one, two;
+  scene::Material one, two;
   two.double_sided = true;
   builder.material(one), builder.material(two);
-  builder.part(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}), 0);
-  builder.part(quad({1, 0, 0}, {1, 0, 0}, {0, 1, 0}), 1);
-  builder.part(quad({2, 0, 0}, {1, 0, 0}, {0, 1, 0}), 1);
-  const Scene scene = builder.build();
+  builder.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}), 0);
+  builder.part(test::quad({1, 0, 0}, {1, 0, 0}, {0, 1, 0}), 1);
+  builder.part(test::quad({2, 0, 0}, {1, 0, 0}, {0, 1, 0}), 1);
+  const scene::Scene scene = builder.build();
   AtlasSettings settings = page(64);
   settings.unwrap = proto::Unwrap::kAlways;
   EXPECT_EQ(unwrap(scene, settings).charts.size(), 2u);
 }
 
 TEST(Unwrap, SameInputSameAtlas) {
-  const Scene scene = SceneBuilder().part(test::sphere(1, 16)).part(soup(100)).build();
+  const scene::Scene scene = SceneBuilder().part(test::sphere(1, 16)).part(soup(100)).build();
   const auto a = build_atlas(scene, page(256)), b = build_atlas(scene, page(256));
   ASSERT_TRUE(a && b);
   EXPECT_EQ(a->triangle_chart, b->triangle_chart);
@@ -276,4 +277,4 @@ TEST(Unwrap, StopsWhenTold) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::atlas

@@ -21,7 +21,7 @@ using namespace std::chrono_literals;
 TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
   const TempFolder folder;
   const BakeInput in = input_for(folder, "cornell", 128);
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   Recorder recorder;
   const auto manifest = bake(in, pool, {}, recorder);
   ASSERT_TRUE(manifest) << manifest.error().message;
@@ -43,7 +43,7 @@ TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
   // Every fourth texel at least sends rays over its hemisphere.
   EXPECT_GT(manifest->statistics.rays, manifest->statistics.texels * 64 / 4);
 
-  const auto page = read_exr(in.output_dir / "page_00.exr");
+  const auto page = image::read_exr(in.output_dir / "page_00.exr");
   ASSERT_TRUE(page) << page.error().message;
   EXPECT_EQ(page->width, 128u);
   std::uint64_t lit = 0;
@@ -58,7 +58,7 @@ TEST(Bake, SaysHowMuchTimeIsLeft) {
   const TempFolder folder;
   BakeInput in = input_for(folder, "cornell", 256);
   in.settings.solver.samples = in.settings.solver.direct_samples = 1024;
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   Recorder recorder;
   const auto manifest = bake(in, pool, {}, recorder);
   ASSERT_TRUE(manifest) << manifest.error().message;
@@ -80,7 +80,7 @@ TEST(Bake, MemoryThatIsRefusedEndsItBeforeTheAtlas) {
     asked = bytes;
     return proto::fail("job_too_large", "no room");
   };
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   Recorder recorder;
   const auto manifest = bake(in, pool, {}, recorder);
   ASSERT_FALSE(manifest);
@@ -97,11 +97,11 @@ TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
     in.settings.quality.target_error = 0.04f;
     in.settings.output.precision = proto::Precision::kFloat;
     in.settings.output.layers = {"irradiance", "direct", "indirect", "raw", "standard_error"};
-    ThreadPool pool(threads);
+    exec::ThreadPool pool(threads);
     BakeObserver quiet;
     const auto manifest = bake(in, pool, {}, quiet);
     ASSERT_TRUE(manifest) << manifest.error().message;
-    const std::string exr = read_bytes(in.output_dir / "page_00.exr");
+    const std::string exr = test::read_bytes(in.output_dir / "page_00.exr");
     if (first.empty()) first = exr;
     EXPECT_TRUE(exr == first) << threads << " threads";
   }
@@ -111,7 +111,7 @@ TEST(Bake, StopsWithinASecondAndSaysSo) {
   const TempFolder folder;
   BakeInput in = input_for(folder, "cornell", 1024);
   in.settings.solver.samples = 4096;
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   std::stop_source stop;
   Recorder recorder;
   std::chrono::steady_clock::time_point asked;
@@ -123,7 +123,7 @@ TEST(Bake, StopsWithinASecondAndSaysSo) {
   const auto manifest = bake(in, pool, stop.get_token(), recorder);
   ASSERT_FALSE(manifest);
   EXPECT_EQ(manifest.error().code, proto::kCanceledCode);
-  EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s * kiln::test::kSlowdown);
+  EXPECT_LT(std::chrono::steady_clock::now() - asked, 1s * test::kSlowdown);
   EXPECT_FALSE(fs::exists(in.output_dir / "manifest.json"));
 }
 
@@ -132,11 +132,11 @@ TEST(Bake, MayBeStoppedAtAnyMoment) {
   BakeInput in = input_for(folder, "cornell", 1024);
   in.settings.solver.samples = 1;
   in.settings.solver.direct_samples = 1;
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   for (int k = 0; k < 40; ++k) {
     std::stop_source stop;
     const std::jthread canceller([&] {
-      std::this_thread::sleep_for(k * 3ms * kiln::test::kSlowdown);
+      std::this_thread::sleep_for(k * 3ms * test::kSlowdown);
       stop.request_stop();
     });
     BakeObserver quiet;
@@ -150,7 +150,7 @@ TEST(Bake, MayBeStoppedAtAnyMoment) {
 TEST(Bake, SceneWithoutLightIsAnErrorUnlessAllowed) {
   const TempFolder folder;
   BakeInput in = input_for(folder, "sphere_on_plane", 64);
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   BakeObserver quiet;
   const auto dark = bake(in, pool, {}, quiet);
   ASSERT_FALSE(dark);

@@ -11,14 +11,14 @@
 #include <vector>
 
 #include "baker/bake.h"
-#include "baker/scene/generate.h"
+#include "baker/generate/generate.h"
 #include "tests/support/temp_files.h"
 
 namespace kiln::baker {
 
 namespace fs = std::filesystem;
-using kiln::test::read_bytes;
-using kiln::test::TempFolder;
+using test::read_bytes;
+using test::TempFolder;
 
 /// What a bake told.
 struct Told {
@@ -68,7 +68,7 @@ struct Recorder : BakeObserver, Told {
 /// A bake of a generated scene in folders of the test's own.
 inline BakeInput input_for(const TempFolder& folder, const std::string& generator,
                            std::uint32_t page_size) {
-  const auto glb = generate_glb(generator);
+  const auto glb = generate::generate_glb(generator);
   EXPECT_TRUE(glb);
   BakeInput in;
   in.files.main = folder.write("scene.glb", *glb);

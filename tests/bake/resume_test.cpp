@@ -5,8 +5,8 @@
 #include <functional>
 #include <thread>
 
-#include "support/sky_files.h"
 #include "tests/bake/recorder.h"
+#include "tests/support/sky_files.h"
 
 namespace kiln::baker {
 namespace {
@@ -14,7 +14,7 @@ namespace {
 class Resume : public ::testing::Test {
  protected:
   TempFolder folder_;
-  ThreadPool pool_{2};
+  exec::ThreadPool pool_{2};
   BakeInput input_ = input_for(folder_, "cornell", 64);
 
   Resume() {
@@ -40,12 +40,12 @@ class Resume : public ::testing::Test {
     fs::remove_all(input_.checkpoint_dir);
     fs::create_directories(input_.checkpoint_dir);
   }
-  std::string exr() const { return read_bytes(input_.output_dir / "page_00.exr"); }
+  std::string exr() const { return test::read_bytes(input_.output_dir / "page_00.exr"); }
   fs::path file(const char* name) const { return input_.checkpoint_dir / name; }
 
   /// One byte in the middle turned over.
   static void damage(const fs::path& file) {
-    std::string bytes = read_bytes(file);
+    std::string bytes = test::read_bytes(file);
     bytes.at(bytes.size() / 2) = char(bytes[bytes.size() / 2] ^ 1);
     std::ofstream(file, std::ios::binary) << bytes;
   }
@@ -58,8 +58,8 @@ TEST_F(Resume, UnderASkyMapToo) {
   input_.settings.quality.target_error = 0.04f;
   input_.settings.sky.map = "noon.hdr";
   input_.settings.sky.scale = 2000;
-  const test::SkyPicture noon(64, [](Vec3 d) -> Rgb {
-    return d.y > 0.98f ? Rgb{900, 800, 700} : Rgb{0.3f, 0.5f, 1};
+  const test::SkyPicture noon(64, [](math::Vec3 d) -> math::Rgb {
+    return d.y > 0.98f ? math::Rgb{900, 800, 700} : math::Rgb{0.3f, 0.5f, 1};
   });
   input_.files.side["noon.hdr"] = folder_.write("noon.hdr", test::hdr_file(noon));
   const std::size_t passes = run().passes.size();

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/ball.h"
@@ -18,8 +19,8 @@ namespace {
 
 using Intersect = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRayHit16*);
 using Occluded = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRay16*);
-const auto intersect = reinterpret_cast<Intersect>(dlsym(RTLD_NEXT, "rtcIntersect16"));
-const auto occluded = reinterpret_cast<Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16"));
+const auto intersect = reinterpret_cast<kiln::bench::Intersect>(dlsym(RTLD_NEXT, "rtcIntersect16"));
+const auto occluded = reinterpret_cast<kiln::bench::Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16"));
 
 }  // namespace
 
@@ -28,13 +29,13 @@ const auto occluded = reinterpret_cast<Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16
 void rtcIntersect16(const int* valid, RTCScene scene, RTCIntersectContext* context,
                     RTCRayHit16* query) {
   CALLGRIND_TOGGLE_COLLECT;
-  intersect(valid, scene, context, query);
+  kiln::bench::intersect(valid, scene, context, query);
   CALLGRIND_TOGGLE_COLLECT;
 }
 void rtcOccluded16(const int* valid, RTCScene scene, RTCIntersectContext* context,
                    RTCRay16* query) {
   CALLGRIND_TOGGLE_COLLECT;
-  occluded(valid, scene, context, query);
+  kiln::bench::occluded(valid, scene, context, query);
   CALLGRIND_TOGGLE_COLLECT;
 }
 
@@ -51,27 +52,27 @@ void count(const std::string& name, const char* item, Work work) {
   std::printf("%s %llu %s\n", name.c_str(), static_cast<unsigned long long>(items), item);
 }
 
-void count_kernels(baker::InstructionSet set) {
+void count_kernels(simd::InstructionSet set) {
   constexpr std::uint32_t kPackets = 256;
   const KernelInput in;
-  const baker::Kernels& k = baker::kernels(set);
+  const simd::Kernels& k = simd::kernels(set);
   const auto each = [&](const char* name, auto once) {
     count(name + std::string("_") + k.name, "lane", [&] {
       for (std::uint32_t p = 0; p < kPackets; ++p) once(p);
       return std::uint64_t(16 * kPackets);
     });
   };
-  baker::Directions directions;
+  simd::Directions directions;
   each("directions", [&](std::uint32_t p) { in.directions(k, p, directions); });
-  baker::LightView view;
+  simd::LightView view;
   each("view_light", [&](std::uint32_t) { k.view_light(in.lamp, in.frames, view); });
-  baker::LightRays rays;
+  simd::LightRays rays;
   each("sample_light", [&](std::uint32_t p) { in.sample_light(k, p, rays); });
-  const std::vector<baker::LightGroup> lights(kPackets);  // the work is the same for any
+  const std::vector<simd::LightGroup> lights(kPackets);  // the work is the same for any
   std::vector<float> weights(16 * kPackets);
   std::vector<std::uint32_t> near(kPackets);
   count(std::string("weigh_lights_") + k.name, "lane", [&] {
-    const baker::Viewpoint from{{0, 1, 0}, {0, 1, 0}, 0.1f, 1};
+    const simd::Viewpoint from{{0, 1, 0}, {0, 1, 0}, 0.1f, 1};
     k.weigh_lights(lights.data(), kPackets, from, weights.data(), near.data());
     return std::uint64_t(16 * kPackets);
   });
@@ -81,11 +82,12 @@ void count_kernels(baker::InstructionSet set) {
 
 /// @return rays
 std::uint64_t solve_once(const ReadyScene& ready, const proto::SolverSettings& settings) {
-  baker::ThreadPool pool(1);
-  const baker::SolverInput input = ready.input(settings);
-  const auto solver = make_solver(input);
+  exec::ThreadPool pool(1);
+  const solver::SolverInput input = ready.input(settings);
+  const auto solver = baker::make_solver(input);
   std::uint64_t rays = 0;
-  for (const auto& pass : must(solve(*solver, ready.texels, pool, {})).passes) rays += pass.rays;
+  for (const auto& pass : test::must(solve(*solver, ready.texels, pool, {})).passes)
+    rays += pass.rays;
   return rays;
 }
 
@@ -113,10 +115,10 @@ int main() {
     return 1;
   }
   try {
-    std::printf("# %s\n", baker::kernels().name);
-    if (baker::best_instruction_set() < baker::InstructionSet::kAvx2) return 0;
-    bench::count_kernels(baker::InstructionSet::kSse2);
-    bench::count_kernels(baker::InstructionSet::kAvx2);
+    std::printf("# %s\n", simd::kernels().name);
+    if (simd::best_instruction_set() < simd::InstructionSet::kAvx2) return 0;
+    bench::count_kernels(simd::InstructionSet::kSse2);
+    bench::count_kernels(simd::InstructionSet::kAvx2);
     bench::count_solves();
   } catch (const std::exception& e) {
     std::fprintf(stderr, "guard: %s\n", e.what());

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "baker/solver/simd/kernels.h"
+#include "baker/simd/kernels.h"
 
 namespace kiln::bench {
 
@@ -13,21 +13,21 @@ namespace kiln::bench {
 struct KernelInput {
   static constexpr std::uint32_t kPage = 1024, kPackets = 1024;
 
-  baker::PointFrames frames{};
-  baker::LightShape lamp{};
+  simd::PointFrames frames{};
+  simd::LightShape lamp{};
   std::vector<std::uint32_t> x, y;  ///< Sobol points, 16 per packet
 
   KernelInput();
 
-  void directions(const baker::Kernels&, std::uint32_t packet, baker::Directions&) const;
-  void sample_light(const baker::Kernels&, std::uint32_t packet, baker::LightRays&) const;
-  void look_up(const baker::Kernels&, std::uint32_t packet,
+  void directions(const simd::Kernels&, std::uint32_t packet, simd::Directions&) const;
+  void sample_light(const simd::Kernels&, std::uint32_t packet, simd::LightRays&) const;
+  void look_up(const simd::Kernels&, std::uint32_t packet,
                std::array<std::uint32_t, 16>& texels) const;
 
  private:
   std::vector<std::int32_t> cells_;
   std::vector<float> hit_u_, hit_v_;
-  std::array<baker::PlacedTriangle, 2> triangles_{};
+  std::array<simd::PlacedTriangle, 2> triangles_{};
 };
 
 }  // namespace kiln::bench

@@ -4,25 +4,25 @@
 #include <array>
 #include <vector>
 
-#include "baker/solver/simd/kernels.h"
+#include "baker/simd/kernels.h"
 #include "tests/bench/kernel_input.h"
 
 namespace kiln::bench {
 namespace {
 
-using baker::InstructionSet;
-using baker::Kernels;
+using simd::InstructionSet;
+using simd::Kernels;
 
 /// Runs `once(kernels, number of the packet)` with the instruction set that the benchmark's
 /// argument names.
 template <class Once>
 void per_packet(benchmark::State& state, Once once) {
   const auto set = InstructionSet(state.range(0));
-  if (set > baker::best_instruction_set()) {
+  if (set > simd::best_instruction_set()) {
     state.SkipWithError("this machine has no such instructions");
     return;
   }
-  const Kernels& k = baker::kernels(set);
+  const Kernels& k = simd::kernels(set);
   state.SetLabel(k.name);
   std::uint32_t packet = 0;
   for (auto _ : state) once(k, packet++);
@@ -31,7 +31,7 @@ void per_packet(benchmark::State& state, Once once) {
 
 void directions(benchmark::State& state) {
   const KernelInput in;
-  baker::Directions out;
+  simd::Directions out;
   per_packet(state, [&](const Kernels& k, std::uint32_t n) {
     in.directions(k, n, out);
     benchmark::DoNotOptimize(out);
@@ -39,7 +39,7 @@ void directions(benchmark::State& state) {
 }
 void view_light(benchmark::State& state) {
   const KernelInput in;
-  baker::LightView out;
+  simd::LightView out;
   per_packet(state, [&](const Kernels& k, std::uint32_t) {
     k.view_light(in.lamp, in.frames, out);
     benchmark::DoNotOptimize(out);
@@ -47,7 +47,7 @@ void view_light(benchmark::State& state) {
 }
 void sample_light(benchmark::State& state) {
   const KernelInput in;
-  baker::LightRays out;
+  simd::LightRays out;
   per_packet(state, [&](const Kernels& k, std::uint32_t n) {
     in.sample_light(k, n, out);
     benchmark::DoNotOptimize(out);

@@ -6,9 +6,10 @@
 #include <ctime>
 #include <numeric>
 
+#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/output/output.h"
-#include "baker/post/post.h"
+#include "baker/output/post.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/ball.h"
 
@@ -17,53 +18,53 @@ namespace {
 
 void import(benchmark::State& state, const char* generator) {
   const SceneFile file(generator);
-  for (auto _ : state) benchmark::DoNotOptimize(must(baker::import_scene(file.files(), {})));
+  for (auto _ : state) benchmark::DoNotOptimize(must(import::import_scene(file.files(), {})));
 }
 void build_bvh(benchmark::State& state) {
-  const baker::Scene& scene = ball_at_1024().scene;
-  for (auto _ : state) benchmark::DoNotOptimize(must(baker::RayScene::build(scene)));
+  const scene::Scene& scene = ball_at_1024().scene;
+  for (auto _ : state) benchmark::DoNotOptimize(test::must(trace::RayScene::build(scene)));
   state.SetItemsProcessed(state.iterations() * std::int64_t(scene.triangles.size()));
 }
 void atlas(benchmark::State& state, proto::Unwrap unwrap) {
-  const baker::Scene& scene = ball_at_1024().scene;
+  const scene::Scene& scene = ball_at_1024().scene;
   proto::AtlasSettings settings;
   settings.unwrap = unwrap;
-  for (auto _ : state) benchmark::DoNotOptimize(must(baker::build_atlas(scene, settings)));
+  for (auto _ : state) benchmark::DoNotOptimize(test::must(atlas::build_atlas(scene, settings)));
   state.SetItemsProcessed(state.iterations() * std::int64_t(scene.triangles.size()));
 }
 void rasterise(benchmark::State& state) {
-  const baker::Scene& scene = ball_at_1024().scene;
+  const scene::Scene& scene = ball_at_1024().scene;
   proto::AtlasSettings settings;
   settings.page_size = std::uint32_t(state.range(0));
-  const baker::Atlas atlas = must(baker::build_atlas(scene, settings));
+  const atlas::Atlas atlas = test::must(atlas::build_atlas(scene, settings));
   std::int64_t texels = 0;
-  for (auto _ : state) texels += must(baker::rasterise(scene, atlas)).size();
+  for (auto _ : state) texels += test::must(atlas::rasterise(scene, atlas)).size();
   state.SetItemsProcessed(texels);
 }
 
 void write_exr(benchmark::State& state, proto::Precision precision) {
-  const baker::TextureGroup& texels = ball_at_1024().texels;
+  const atlas::TextureGroup& texels = ball_at_1024().texels;
   // Positions vary as light does: smoothly, and not at all alike from chart to chart.
-  std::vector<baker::Rgb> values;
-  for (const baker::Vec3& p : texels.position)
+  std::vector<math::Rgb> values;
+  for (const math::Vec3& p : texels.position)
     values.push_back({2 + std::sin(p.x), 2 + std::sin(p.y), 2 + std::sin(p.z)});
-  const baker::PageImage page = baker::compose_page(
+  const image::PageImage page = output::compose_page(
       texels, 0, [&](std::uint32_t t) { return values[t]; }, 4);
-  const baker::ExrLayer layer{"irradiance", &page};
+  const image::ExrLayer layer{"irradiance", &page};
   const test::TempFolder folder;
   const auto file = folder.path() / "page.exr";
   for (auto _ : state)
-    if (!baker::write_exr(file, {&layer, 1}, precision, {})) state.SkipWithError("not written");
+    if (!image::write_exr(file, {&layer, 1}, precision, {})) state.SkipWithError("not written");
   state.SetItemsProcessed(state.iterations() * std::int64_t(page.rgb.size()));
   state.counters["file_MB"] = double(std::filesystem::file_size(file)) * 1e-6;
 }
 
 double solve_seconds(const ReadyScene& ready, unsigned threads) {
-  baker::ThreadPool pool(threads);
-  const baker::SolverInput input = ready.input({});
+  exec::ThreadPool pool(threads);
+  const solver::SolverInput input = ready.input({});
   const auto start = std::chrono::steady_clock::now();
-  const auto solver = make_solver(input);
-  benchmark::DoNotOptimize(must(solve(*solver, ready.texels, pool, {})));
+  const auto solver = baker::make_solver(input);
+  benchmark::DoNotOptimize(test::must(solve(*solver, ready.texels, pool, {})));
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
@@ -72,11 +73,11 @@ double solve_cpu_seconds(const ReadyScene& ready, std::uint32_t bounces) {
   settings.samples = settings.direct_samples = 64;
   settings.bounces = bounces;
   settings.tolerance = 0;  // all of them
-  const baker::SolverInput input = ready.input(settings);
-  baker::ThreadPool pool(1);
+  const solver::SolverInput input = ready.input(settings);
+  exec::ThreadPool pool(1);
   const std::clock_t start = std::clock();
-  const auto solver = make_solver(input);
-  benchmark::DoNotOptimize(must(solve(*solver, ready.texels, pool, {})));
+  const auto solver = baker::make_solver(input);
+  benchmark::DoNotOptimize(test::must(solve(*solver, ready.texels, pool, {})));
   return double(std::clock() - start) / CLOCKS_PER_SEC;
 }
 

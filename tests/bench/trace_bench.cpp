@@ -5,6 +5,7 @@
 #include <memory>
 #include <utility>
 
+#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/ball.h"
@@ -29,7 +30,7 @@ class Comparison {
   void begin(bool timing) { timing_ = timing; }
 
   /// After each batch, from the thread that made it.
-  void on_batch(const baker::Pass& pass, std::uint32_t done, std::uint32_t total) {
+  void on_batch(const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
     const double now = thread_seconds();
     if (tap_) tap_->stop(), taps_[{pass.index, done - 1}] = std::move(tap_);
     if (timing_) {
@@ -74,18 +75,18 @@ void trace_rate(benchmark::State& state) {
   settings.samples = std::uint32_t(state.range(0));
   settings.direct_samples = std::uint32_t(state.range(0)) / 4;
   settings.bounces = 1;
-  const baker::SolverInput input = ready.input(settings);
+  const solver::SolverInput input = ready.input(settings);
   Comparison comparison;
-  baker::SolveHooks hooks;
-  hooks.on_batch = [&](const baker::Pass& pass, std::uint32_t done, std::uint32_t total) {
+  solver::SolveHooks hooks;
+  hooks.on_batch = [&](const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
     comparison.on_batch(pass, done, total);
   };
   for (auto _ : state) {
     for (const bool timing : {false, true}) {
-      baker::ThreadPool pool(1);
+      exec::ThreadPool pool(1);
       comparison.begin(timing);
-      const auto solver = make_solver(input);
-      must(solve(*solver, ready.texels, pool, {}, hooks));
+      const auto solver = baker::make_solver(input);
+      test::must(solve(*solver, ready.texels, pool, {}, hooks));
     }
     state.SetIterationTime(comparison.gather.ours_s + comparison.shadow.ours_s);
   }

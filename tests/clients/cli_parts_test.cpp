@@ -9,7 +9,7 @@
 #include "server/cli/report.h"
 #include "server/cli/settings_input.h"
 #include "server/cli/side_files.h"
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
 namespace kiln::cli {
 namespace {

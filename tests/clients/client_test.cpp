@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "proto/json.h"
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
 namespace kiln::clients {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <set>
 
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
 namespace kiln::cli {
 namespace {
@@ -50,7 +50,7 @@ TEST(Config, FlagsBeatVariablesBeatTheFile) {
   EXPECT_EQ(loaded->config.log_level, "warn");
   EXPECT_EQ(loaded->config.max_upload_bytes, 2048u);
   EXPECT_EQ(loaded->config.data, "/srv/x");
-  EXPECT_EQ(loaded->config.log_format, server::LogFormat::kJson);
+  EXPECT_EQ(loaded->config.log_format, base::LogFormat::kJson);
   EXPECT_EQ(loaded->origin.at("port"), "flag");
   EXPECT_EQ(loaded->origin.at("threads"), "LIGHTKILN_THREADS");
   EXPECT_EQ(loaded->origin.at("log_level"), (dir.path() / "lightkiln.toml").string());

@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
-#include "support/sanitizer.h"
-#include "support/temp_files.h"
+#include "tests/support/sanitizer.h"
+#include "tests/support/temp_files.h"
 
 /// The built program, as a user meets it.
 namespace kiln {

@@ -3,7 +3,7 @@
 #include "clients/multipart_body.h"
 #include "clients/server_url.h"
 #include "clients/verified_file.h"
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
 namespace kiln::clients {
 namespace {

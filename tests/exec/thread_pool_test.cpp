@@ -12,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-namespace kiln::baker {
+namespace kiln::exec {
 namespace {
 
 using namespace std::chrono_literals;
@@ -136,4 +136,4 @@ TEST(ThreadPool, AStopRequestMayComeAtAnyMomentOfACall) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::exec

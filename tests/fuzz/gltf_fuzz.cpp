@@ -2,16 +2,16 @@
 #include <array>
 #include <cstdint>
 
-#include "baker/scene/import.h"
-#include "fuzz/scene_bytes.h"
+#include "baker/import/import.h"
+#include "tests/fuzz/scene_bytes.h"
 
 using namespace kiln;
 
 namespace {
 
 /// Small, so that a run spends its time on many inputs instead of large ones.
-baker::ImportLimits small_limits() {
-  baker::ImportLimits limits;
+files::ImportLimits small_limits() {
+  files::ImportLimits limits;
   limits.file_bytes = 1 << 20;
   limits.json_depth = 64;
   limits.nodes = 2000;
@@ -24,11 +24,11 @@ baker::ImportLimits small_limits() {
 }
 
 /// The input as an upload: the main file, and a side file of the same bytes.
-baker::SceneFiles upload(std::string_view bytes) {
-  baker::SceneFiles files;
-  auto opened = std::make_shared<baker::OpenedFiles>();
-  opened->emplace("main", baker::MappedFile::view(bytes));
-  opened->emplace("side", baker::MappedFile::view(bytes));
+files::SceneFiles upload(std::string_view bytes) {
+  files::SceneFiles files;
+  auto opened = std::make_shared<files::OpenedFiles>();
+  opened->emplace("main", files::MappedFile::view(bytes));
+  opened->emplace("side", files::MappedFile::view(bytes));
   files.main = "main";
   files.side["a.bin"] = "side";
   files.opened = std::move(opened);
@@ -38,12 +38,12 @@ baker::SceneFiles upload(std::string_view bytes) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const auto files = upload({reinterpret_cast<const char*>(data), size});
-  const auto limits = small_limits();
+  const auto files = ::upload({reinterpret_cast<const char*>(data), size});
+  const auto limits = ::small_limits();
   proto::BakeSettings settings;
   settings.allow_dark = true;
-  const auto checked = baker::check_scene(files, settings, limits);
-  const auto scene = baker::import_files(files, limits);
+  const auto checked = import::check_scene(files, settings, limits);
+  const auto scene = import::import_files(files, limits);
   FUZZ_REQUIRE(checked || !checked.error().code.empty());
   if (!scene) {
     FUZZ_REQUIRE(!scene.error().message.empty());
@@ -53,7 +53,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (scene->parts.empty()) return 0;
   FUZZ_REQUIRE(checked);
   const std::string bytes = fuzz::scene_bytes(*scene);
-  const auto back = baker::read_scene_file(bytes, fuzz::scene_key());
+  const auto back = scene::read_scene_file(bytes, fuzz::scene_key());
   FUZZ_REQUIRE(back);
   FUZZ_REQUIRE(fuzz::scene_bytes(*back) == bytes);
   return 0;

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "fuzz/require.h"
 #include "server/http/body.h"
 #include "server/http/head.h"
 #include "server/http/multipart.h"
+#include "tests/fuzz/require.h"
 
 using namespace kiln;
 using namespace kiln::server;
@@ -18,9 +18,9 @@ using namespace kiln::server;
 namespace {
 
 /// All of a body that arrives in pieces; nothing when it is malformed or cut short.
-std::optional<std::string> read_body(const RequestHead& head, std::string_view rest,
+std::optional<std::string> read_body(const kiln::http::RequestHead& head, std::string_view rest,
                                      std::size_t piece) {
-  BodyReader reader(head, [&](char* out, std::size_t n) -> ssize_t {
+  kiln::http::BodyReader reader(head, [&](char* out, std::size_t n) -> ssize_t {
     const std::size_t count = std::min({n, piece, rest.size()});
     std::memcpy(out, rest.data(), count);
     rest.remove_prefix(count);
@@ -41,14 +41,14 @@ std::optional<std::string> read_body(const RequestHead& head, std::string_view r
 
 struct Part {
   std::string name, filename, type, data;
-  bool operator==(const Part&) const = default;
+  bool operator==(const ::Part&) const = default;
 };
 
-std::optional<std::vector<Part>> read_parts(const std::string& boundary, std::string_view body,
-                                            std::size_t piece) {
-  std::vector<Part> parts;
-  MultipartReader reader(
-      boundary, {[&](const PartHead& head) -> proto::Expected<void> {
+std::optional<std::vector<::Part>> read_parts(const std::string& boundary, std::string_view body,
+                                              std::size_t piece) {
+  std::vector<::Part> parts;
+  kiln::http::MultipartReader reader(
+      boundary, {[&](const kiln::http::PartHead& head) -> proto::Expected<void> {
                    parts.push_back({head.name, head.filename.value_or("-"), head.content_type, ""});
                    return {};
                  },
@@ -71,22 +71,22 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view bytes(reinterpret_cast<const char*>(data + 1), size - 1);
   const auto end = bytes.find("\r\n\r\n");
   if (end == std::string_view::npos) {
-    (void)parse_head(bytes);
+    (void)kiln::http::parse_head(bytes);
     return 0;
   }
-  const auto head = parse_head(bytes.substr(0, end + 4));
+  const auto head = kiln::http::parse_head(bytes.substr(0, end + 4));
   if (!head) return 0;
   FUZZ_REQUIRE(!(head->chunked && head->content_length));
   FUZZ_REQUIRE(head->path.find('\0') == std::string::npos);
   const std::string_view rest = bytes.substr(end + 4);
-  const auto body = read_body(*head, rest, piece);
-  FUZZ_REQUIRE(body == read_body(*head, rest, 4096));
+  const auto body = ::read_body(*head, rest, piece);
+  FUZZ_REQUIRE(body == ::read_body(*head, rest, 4096));
   if (!body) return 0;
   FUZZ_REQUIRE(body->size() <= rest.size());
   const std::string* type = head->header("content-type");
-  const auto boundary = type ? multipart_boundary(*type) : std::nullopt;
+  const auto boundary = type ? kiln::http::multipart_boundary(*type) : std::nullopt;
   if (!boundary) return 0;
-  const auto parts = read_parts(*boundary, *body, piece);
-  FUZZ_REQUIRE(parts == read_parts(*boundary, *body, 4096));
+  const auto parts = ::read_parts(*boundary, *body, piece);
+  FUZZ_REQUIRE(parts == ::read_parts(*boundary, *body, 4096));
   return 0;
 }

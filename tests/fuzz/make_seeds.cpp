@@ -5,14 +5,14 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "baker/scene/generate.h"
-#include "baker/scene/import.h"
-#include "fuzz/scene_bytes.h"
+#include "baker/generate/generate.h"
+#include "baker/import/import.h"
 #include "proto/json.h"
-#include "support/gltf_builder.h"
-#include "support/packed_gltf.h"
-#include "support/png_builder.h"
-#include "support/sky_files.h"
+#include "tests/fuzz/scene_bytes.h"
+#include "tests/support/gltf_builder.h"
+#include "tests/support/packed_gltf.h"
+#include "tests/support/png_builder.h"
+#include "tests/support/sky_files.h"
 
 using namespace kiln;
 namespace fs = std::filesystem;
@@ -119,7 +119,7 @@ std::vector<std::string> documents() {
                       .glb());
   for (const bool lossless : {false, true}) {
     test::GltfBuilder image = test::triangle_builder();
-    const std::string webp = webp_file(lossless);
+    const std::string webp = ::webp_file(lossless);
     image.add(
         "textures",
         {{"extensions", {{"EXT_texture_webp", {{"source", image.image(webp, "image/webp")}}}}}});
@@ -142,29 +142,29 @@ std::vector<std::string> documents() {
 
 void make_scenes(const fs::path& root) {
   constexpr std::size_t kMaxSeed = 64 << 10;
-  Seeds gltf(root, "gltf"), scene_file(root, "scene_file");
+  ::Seeds gltf(root, "gltf"), scene_file(root, "scene_file");
   const auto add = [&](const std::string& bytes) {
     if (bytes.size() > kMaxSeed) return;
     gltf.add(bytes);
-    baker::SceneFiles files;
-    auto opened = std::make_shared<baker::OpenedFiles>();
-    opened->emplace("main", baker::MappedFile::view(bytes));
+    files::SceneFiles files;
+    auto opened = std::make_shared<files::OpenedFiles>();
+    opened->emplace("main", files::MappedFile::view(bytes));
     files.main = "main";
     files.opened = opened;
-    auto scene = baker::import_files(files);
+    auto scene = import::import_files(files);
     if (!scene) return;
     scene->warnings.push_back({"code", "/nodes/0", "message"});
     scene_file.add(fuzz::scene_bytes(*scene));
   };
-  for (const auto& generator : baker::generators())
-    add(baker::generate_glb(generator.name, 1).value_or(""));
-  for (const auto& document : documents()) add(document);
+  for (const auto& generator : generate::generators())
+    add(generate::generate_glb(generator.name, 1).value_or(""));
+  for (const auto& document : ::documents()) add(document);
 }
 
 void make_skies(const fs::path& root) {
-  Seeds seeds(root, "sky");
-  const test::SkyPicture sky(16, [](baker::Vec3 d) -> baker::Rgb {
-    return d.x > 0.8f ? baker::Rgb{800, 400, 100} : baker::Rgb{0.2f, 0.25f + d.z / 8, 0.5f};
+  ::Seeds seeds(root, "sky");
+  const test::SkyPicture sky(16, [](math::Vec3 d) -> math::Rgb {
+    return d.x > 0.8f ? math::Rgb{800, 400, 100} : math::Rgb{0.2f, 0.25f + d.z / 8, 0.5f};
   });
   for (const auto rows : {test::HdrRows::kPacked, test::HdrRows::kPlain, test::HdrRows::kRepeated})
     seeds.add(test::hdr_file(sky, rows, "EXPOSURE=2\n"));
@@ -179,7 +179,7 @@ void make_skies(const fs::path& root) {
 }
 
 void make_settings(const fs::path& root) {
-  Seeds seeds(root, "settings");
+  ::Seeds seeds(root, "settings");
   const auto all = proto::to_json(proto::BakeSettings{});
   seeds.add(proto::to_text(all));
   for (const auto& [name, value] : all.items()) seeds.add(proto::to_text({{name, value}}));
@@ -191,7 +191,7 @@ void make_settings(const fs::path& root) {
 }
 
 void make_requests(const fs::path& root) {
-  Seeds seeds(root, "http");
+  ::Seeds seeds(root, "http");
   const std::string form =
       "--B\r\nContent-Disposition: form-data; name=\"scene\"; filename=\"a.glb\"\r\n"
       "Content-Type: model/gltf-binary\r\n\r\nglTF\r\n"
@@ -225,9 +225,9 @@ int main(int argc, char** argv) {
     std::fputs("usage: fuzz_seeds FOLDER\n", stderr);
     return 2;
   }
-  make_scenes(argv[1]);
-  make_skies(argv[1]);
-  make_settings(argv[1]);
-  make_requests(argv[1]);
+  ::make_scenes(argv[1]);
+  ::make_skies(argv[1]);
+  ::make_settings(argv[1]);
+  ::make_requests(argv[1]);
   return 0;
 }

@@ -2,8 +2,8 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 
-#include "fuzz/require.h"
 #include "proto/json.h"
+#include "tests/fuzz/require.h"
 
 using namespace kiln;
 

@@ -1,9 +1,9 @@
 // An OpenEXR or Radiance file as a sky map: what is accepted can light a scene.
 #include <cstdint>
 
-#include "baker/scene/import.h"
-#include "baker/scene/sky_decoder.h"
-#include "fuzz/require.h"
+#include "baker/image/sky_decoder.h"
+#include "baker/import/import.h"
+#include "tests/fuzz/require.h"
 
 using namespace kiln;
 
@@ -11,17 +11,17 @@ namespace {
 
 constexpr std::uint64_t kMaxPixels = 1 << 16;
 
-baker::SceneFiles upload(std::string_view bytes) {
+files::SceneFiles upload(std::string_view bytes) {
   static const std::string scene = R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
       "nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
       "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3",
                     "min":[0,0,0],"max":[1,1,0]}],
       "bufferViews":[{"buffer":0,"byteLength":36}],
       "buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})";
-  baker::SceneFiles files;
-  auto opened = std::make_shared<baker::OpenedFiles>();
-  opened->emplace("main", baker::MappedFile::view(scene));
-  opened->emplace("sky", baker::MappedFile::view(bytes));
+  files::SceneFiles files;
+  auto opened = std::make_shared<files::OpenedFiles>();
+  opened->emplace("main", files::MappedFile::view(scene));
+  opened->emplace("sky", files::MappedFile::view(bytes));
   files.main = "main";
   files.side["sky"] = "sky";
   files.opened = std::move(opened);
@@ -31,14 +31,14 @@ baker::SceneFiles upload(std::string_view bytes) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const auto files = upload({reinterpret_cast<const char*>(data), size});
-  baker::ImportLimits limits;
-  limits.image_pixels = kMaxPixels;
+  const auto files = ::upload({reinterpret_cast<const char*>(data), size});
+  files::ImportLimits limits;
+  limits.image_pixels = ::kMaxPixels;
   proto::BakeSettings settings;
   settings.allow_dark = true;
   settings.sky.map = "sky";
-  const auto checked = baker::check_scene(files, settings, limits);
-  const auto scene = baker::import_scene(files, settings, limits);
+  const auto checked = import::check_scene(files, settings, limits);
+  const auto scene = import::import_scene(files, settings, limits);
   if (!scene) {
     const std::string& code = scene.error().code;
     FUZZ_REQUIRE(code == "invalid_image" || code == "limit_exceeded");
@@ -47,11 +47,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return 0;
   }
   FUZZ_REQUIRE(checked);
-  const baker::SkyMap& map = scene->sky_map;
+  const scene::SkyMap& map = scene->sky_map;
   FUZZ_REQUIRE(map.texels.size() == std::size_t(map.width) * map.height);
-  FUZZ_REQUIRE(map.texels.size() <= kMaxPixels);
+  FUZZ_REQUIRE(map.texels.size() <= ::kMaxPixels);
   FUZZ_REQUIRE(map.width == 2 * map.height);
-  for (const baker::Rgb c : map.texels)
-    FUZZ_REQUIRE(c.r >= 0 && c.g >= 0 && c.b >= 0 && baker::max_channel(c) <= baker::kMaxSkyValue);
+  for (const math::Rgb c : map.texels)
+    FUZZ_REQUIRE(c.r >= 0 && c.g >= 0 && c.b >= 0 && math::max_channel(c) <= scene::kMaxSkyValue);
   return 0;
 }

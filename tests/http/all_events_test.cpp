@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 
-#include "event_stream.h"
+#include "tests/http/event_stream.h"
 
 /// GET /v1/events: the events of all jobs of a tenant.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 constexpr const char* kAll = "/v1/events";
@@ -17,7 +17,7 @@ std::vector<std::string> headers_of(const std::string& authorization, std::uint6
 
 class AllEvents : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
 
   static std::string authorize(const Live& live, const std::string& tenant,
                                const std::string& scope) {
@@ -86,8 +86,8 @@ TEST_F(AllEvents, AreOfOnesOwnTenant) {
 }
 
 TEST_F(AllEvents, GoOnAfterARestartWithWhatWasMissed) {
-  const test::TempFolder folder;
-  ServerConfig config;
+  const TempFolder folder;
+  base::ServerConfig config;
   config.data = folder.path() / "data";
   std::uint64_t seen = 0;
   std::string a, b;
@@ -114,4 +114,4 @@ TEST_F(AllEvents, GoOnAfterARestartWithWhatWasMissed) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

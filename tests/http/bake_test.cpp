@@ -6,16 +6,16 @@
 #include <set>
 
 #include "clients/client.h"
-#include "event_stream.h"
-#include "program.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
 
 /// Real bakes by the built program, through curl and through our client.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 class Bakes : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
   Program program{folder.path() / "data"};
 
   std::string job_url(const std::string& id, const std::string& rest = "") const {
@@ -192,4 +192,4 @@ TEST_F(Bakes, WhatIsWrongWithTheInputIsNamedBeforeAJobExists) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

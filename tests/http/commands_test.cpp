@@ -5,11 +5,11 @@
 #include <fstream>
 #include <iterator>
 
-#include "event_stream.h"
-#include "program.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
 
 /// The commands that talk to a service, against a real one.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 struct Outcome {
@@ -19,7 +19,7 @@ struct Outcome {
 
 class Commands : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
   Program program{folder.path() / "data"};
   const std::string scene = write_small_scene(folder.path()).string();
 
@@ -109,4 +109,4 @@ TEST_F(Commands, WhatTheServiceRefusesIsWrongInput) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

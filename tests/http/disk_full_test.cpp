@@ -5,10 +5,10 @@
 
 #include <filesystem>
 
-#include "live.h"
+#include "tests/http/live.h"
 
 /// A service on a disk of its own that fills up.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 /// A small file system in memory; none where the test may not mount one.
@@ -38,15 +38,15 @@ class SmallDisk {
 
  private:
   std::filesystem::path ballast() const { return folder_.path() / "ballast"; }
-  test::TempFolder folder_;
+  TempFolder folder_;
   bool mounted_ = false;
 };
 
 TEST(DiskFull, TheServiceAnswersAndNothingIsLost) {
   SmallDisk disk("32m");
   if (!disk.mounted()) GTEST_SKIP() << "mounting a tmpfs needs root";
-  FakeBake fake;
-  ServerConfig config;
+  jobs::FakeBake fake;
+  base::ServerConfig config;
   config.data = disk.data();
   const Live live(fake.holding(), config);
   const std::string id = post_job(live.port()), path = "/v1/jobs/" + id;
@@ -75,4 +75,4 @@ TEST(DiskFull, TheServiceAnswersAndNothingIsLost) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -6,10 +6,10 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
-#include "live.h"
+#include "tests/http/live.h"
 
 /// `lightkiln doctor`, as the built program.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 struct Report {
@@ -31,7 +31,7 @@ struct Report {
 
 class Doctor : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
 
   Report ask_it(const std::string& flags) const {
     const auto output = folder.path() / "output";
@@ -60,7 +60,7 @@ TEST_F(Doctor, LooksAtEverything) {
 }
 
 TEST_F(Doctor, SaysWhatToDo) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   std::ofstream(folder.path() / "file") << "x";
   const Report report =
@@ -76,4 +76,4 @@ TEST_F(Doctor, SaysWhatToDo) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 
-#include "live.h"
+#include "tests/http/live.h"
 
 /// Bytes that a well-behaved client never sends, said to a live service.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -21,7 +21,7 @@ constexpr const char* kSecond = "GET /v1/capabilities HTTP/1.1\r\nHost: x\r\n\r\
 // Whoever sees other message borders than the next server can hide a request in a body. All of
 // these get one answer, and the connection ends.
 TEST(Edge, DisagreementAboutFramingEndsTheConnection) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::string smuggled = kSecond, size = std::to_string(smuggled.size());
   for (const auto& [head, status] : std::vector<std::pair<std::string, std::string>>{
@@ -56,7 +56,7 @@ TEST(Edge, DisagreementAboutFramingEndsTheConnection) {
 }
 
 TEST(Edge, ABodyThatWasReadLeavesTheConnectionUsable) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const Wire wire(live.port());
   const std::string body = "{\"scene\":1}", chunked = "b\r\n" + body + "\r\n0\r\n\r\n";
@@ -72,7 +72,7 @@ TEST(Edge, ABodyThatWasReadLeavesTheConnectionUsable) {
 }
 
 TEST(Edge, ChunksThatAreNoneEndTheConnection) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   for (const std::string body : {"zz\r\nabc", "-3\r\nabc\r\n", "3\nabc\r\n0\r\n\r\n",
                                  "ffffffffffffffffff\r\n", "3\r\nabcd\r\n0\r\n\r\n"}) {
@@ -85,8 +85,8 @@ TEST(Edge, ChunksThatAreNoneEndTheConnection) {
 }
 
 TEST(Edge, ASlowHeadMeetsItsDeadline) {
-  FakeBake fake;
-  EdgeLimits limits;
+  jobs::FakeBake fake;
+  http::EdgeLimits limits;
   limits.head_deadline = milliseconds(300);
   limits.keep_alive = milliseconds(300);
   const Live live(fake.instant(), {}, limits);
@@ -109,8 +109,8 @@ TEST(Edge, ASlowHeadMeetsItsDeadline) {
 }
 
 TEST(Edge, ASlowBodyMeetsItsDeadline) {
-  FakeBake fake;
-  EdgeLimits limits;
+  jobs::FakeBake fake;
+  http::EdgeLimits limits;
   limits.read_idle = milliseconds(200);
   limits.rate_grace = milliseconds(400);
   const Live live(fake.instant(), {}, limits);
@@ -132,8 +132,8 @@ TEST(Edge, ASlowBodyMeetsItsDeadline) {
 }
 
 TEST(Edge, AnEndlessHeadIsCutOff) {
-  FakeBake fake;
-  EdgeLimits limits;
+  jobs::FakeBake fake;
+  http::EdgeLimits limits;
   limits.linger = milliseconds(300);
   const Live live(fake.instant(), {}, limits);
   const Wire wire(live.port());
@@ -155,8 +155,8 @@ TEST(Edge, AnEndlessHeadIsCutOff) {
 }
 
 TEST(Edge, TooManyConnectionsAreToldSo) {
-  FakeBake fake;
-  EdgeLimits limits;
+  jobs::FakeBake fake;
+  http::EdgeLimits limits;
   limits.connections = 3;
   const Live live(fake.instant(), {}, limits);
   std::vector<Wire> idle;
@@ -173,8 +173,8 @@ TEST(Edge, TooManyConnectionsAreToldSo) {
 }
 
 TEST(Edge, WaitingRequestsLeaveThreadsForOthers) {
-  FakeBake fake;
-  ServerConfig config;
+  jobs::FakeBake fake;
+  base::ServerConfig config;
   config.http_threads = 2;
   const Live live(fake.holding(), config);
   const std::string id = post_job(live.port());
@@ -191,8 +191,8 @@ TEST(Edge, WaitingRequestsLeaveThreadsForOthers) {
 }
 
 TEST(Edge, AFullQueueIsToldSo) {
-  FakeBake fake;
-  ServerConfig config;
+  jobs::FakeBake fake;
+  base::ServerConfig config;
   config.max_running_jobs = 1;
   config.max_queued_jobs = 1;
   const Live live(fake.holding(), config);
@@ -209,4 +209,4 @@ TEST(Edge, AFullQueueIsToldSo) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

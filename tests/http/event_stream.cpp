@@ -1,8 +1,8 @@
-#include "event_stream.h"
+#include "tests/http/event_stream.h"
 
 #include <algorithm>
 
-namespace kiln::server {
+namespace kiln::test {
 
 namespace {
 
@@ -81,4 +81,4 @@ std::size_t EventStream::count(const std::string& type) const {
       std::count_if(events_.begin(), events_.end(), [&](const auto& e) { return e.type == type; }));
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::test

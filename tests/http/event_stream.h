@@ -5,10 +5,10 @@
 #include <vector>
 
 #include "clients/sse_parser.h"
-#include "live.h"
-#include "support/sanitizer.h"
+#include "tests/http/live.h"
+#include "tests/support/sanitizer.h"
 
-namespace kiln::server {
+namespace kiln::test {
 
 /// One open event stream, read as it comes.
 class EventStream {
@@ -20,11 +20,11 @@ class EventStream {
 
   /// Reads until an event of this type has come. Whether it did, in time.
   bool wait_for(const std::string& type,
-                std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
+                std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
   /// Reads until one more event has come.
-  bool wait_next(std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
+  bool wait_next(std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
   /// Reads until the server ends the stream properly. Whether it did, in time.
-  bool wait_end(std::chrono::milliseconds time = std::chrono::seconds(30) * test::kSlowdown);
+  bool wait_end(std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
 
   int status() const { return status_; }
   const std::vector<proto::Event>& events() const { return events_; }
@@ -43,4 +43,4 @@ class EventStream {
   std::vector<proto::Event> events_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -3,15 +3,15 @@
 #include <chrono>
 #include <thread>
 
-#include "program.h"
+#include "tests/http/program.h"
 
 /// What a job's document says beside its course.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 class JobDocument : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
   Program program{folder.path() / "data", {"--max-running-jobs", "1"}};
   const std::filesystem::path scene = write_scene(folder.path(), "cornell");
 
@@ -64,4 +64,4 @@ TEST_F(JobDocument, KeysNameWhatABakeGives) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

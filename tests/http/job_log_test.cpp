@@ -1,14 +1,14 @@
 #include <gtest/gtest.h>
 
-#include "live.h"
 #include "proto/sha256.h"
+#include "tests/http/live.h"
 
 /// GET /v1/jobs/{id}/results/log.txt in every state of a job.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 TEST(JobLogRoute, CanBeReadWhileTheJobRunsAndIsAResultAfterwards) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.holding());
   const std::string id = post_job(live.port()), path = "/v1/jobs/" + id + "/results";
   EXPECT_EQ(wait_for_state(live.port(), id, "running"), "running");
@@ -28,7 +28,7 @@ TEST(JobLogRoute, CanBeReadWhileTheJobRunsAndIsAResultAfterwards) {
 }
 
 TEST(JobLogRoute, TellsWhyAJobFailed) {
-  const Live live(FakeBake::throwing([] { throw std::bad_alloc(); }));
+  const Live live(jobs::FakeBake::throwing([] { throw std::bad_alloc(); }));
   const std::string id = post_job(live.port());
   EXPECT_EQ(wait_for_state(live.port(), id, "failed"), "failed");
   Answer log;
@@ -41,4 +41,4 @@ TEST(JobLogRoute, TellsWhyAJobFailed) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

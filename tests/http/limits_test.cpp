@@ -4,17 +4,17 @@
 
 #include <nlohmann/json.hpp>
 
-#include "live.h"
+#include "tests/http/live.h"
 
 /// Rates and the quotas of a day.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
 
 class Limits : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
 
   static std::string authorize(const Live& live, const std::string& tenant) {
     return "Authorization: Bearer " +
@@ -24,8 +24,8 @@ class Limits : public testing::Test {
     return json::parse(ask(live.port(), "GET", "/v1/capabilities", {authorization}).body)["usage"];
   }
   /// A bake of so many texels that takes this processor time.
-  BakeFunction costly(std::uint64_t texels, std::chrono::milliseconds busy) {
-    return [=, this](const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
+  jobs::BakeFunction costly(std::uint64_t texels, std::chrono::milliseconds busy) {
+    return [=, this](const jobs::JobInput& input, exec::ThreadPool& pool, std::stop_token stop,
                      baker::BakeObserver& observer) {
       const std::clock_t end = std::clock() + busy.count() * CLOCKS_PER_SEC / 1'000;
       while (std::clock() < end) {
@@ -43,7 +43,7 @@ class Limits : public testing::Test {
 };
 
 TEST_F(Limits, RatesAreToldAndKept) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_requests_per_minute_per_tenant = 4;
   config.max_requests_per_minute_per_token = 3;
   const Live live(fake_.instant(), config);
@@ -80,9 +80,9 @@ TEST_F(Limits, WithoutRatesThereAreNoHeaders) {
 }
 
 TEST_F(Limits, TexelsOfADay) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_texels_per_tenant_per_day = 1'500;
-  const test::TempFolder folder;
+  const TempFolder folder;
   config.data = folder.path() / "data";
   std::string art;
   {
@@ -104,7 +104,7 @@ TEST_F(Limits, TexelsOfADay) {
 }
 
 TEST_F(Limits, ProcessorSecondsOfADay) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_cpu_seconds_per_tenant_per_day = 1;
   const Live live(costly(1, std::chrono::milliseconds(1'500)), config);
   const std::string art = authorize(live, "art"), game = authorize(live, "game");
@@ -120,4 +120,4 @@ TEST_F(Limits, ProcessorSecondsOfADay) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

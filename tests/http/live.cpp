@@ -1,4 +1,4 @@
-#include "live.h"
+#include "tests/http/live.h"
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
@@ -11,14 +11,15 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "server/log.h"
+#include "server/base/log.h"
 
-namespace kiln::server {
+namespace kiln::test {
 
 namespace {
 
-ServiceParts parts_of(BakeFunction bake, EdgeLimits limits, CheckFunction check) {
-  ServiceParts parts;
+server::ServiceParts parts_of(jobs::BakeFunction bake, http::EdgeLimits limits,
+                              api::CheckFunction check) {
+  server::ServiceParts parts;
   parts.bake = std::move(bake);
   parts.check = std::move(check);
   parts.limits = limits;
@@ -27,18 +28,19 @@ ServiceParts parts_of(BakeFunction bake, EdgeLimits limits, CheckFunction check)
 
 }  // namespace
 
-Live::Live(BakeFunction bake, ServerConfig config, EdgeLimits limits, CheckFunction check)
+Live::Live(jobs::BakeFunction bake, base::ServerConfig config, http::EdgeLimits limits,
+           api::CheckFunction check)
     : Live(parts_of(std::move(bake), limits, std::move(check)), std::move(config)) {}
 
-Live::Live(ServiceParts parts, ServerConfig config) {
-  set_up_log("off", LogFormat::kText);
+Live::Live(server::ServiceParts parts, base::ServerConfig config) {
+  set_up_log("off", base::LogFormat::kText);
   config.port = config.admin_port = 0;
-  if (config.data == ServerConfig{}.data) config.data = folder.path() / "data";
+  if (config.data == base::ServerConfig{}.data) config.data = folder.path() / "data";
   if (!parts.check)
-    parts.check = [](const baker::SceneFiles&, const proto::BakeSettings&) {
+    parts.check = [](const files::SceneFiles&, const proto::BakeSettings&) {
       return proto::Expected<void>();
     };
-  auto started = Service::start(config, std::move(parts));
+  auto started = server::Service::start(config, std::move(parts));
   if (!started) throw std::runtime_error(started.error().message);
   service = std::move(*started);
 }
@@ -162,4 +164,4 @@ std::string wait_for_state(std::uint16_t port, const std::string& id, const std:
   return now;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -7,20 +7,21 @@
 #include <string>
 #include <vector>
 
-#include "server/fake_bake.h"
 #include "server/service.h"
-#include "support/temp_files.h"
+#include "tests/server/fake_bake.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::test {
 
 /// A service in this process, on free ports and a folder of its own unless the config names one.
 struct Live {
-  test::TempFolder folder;
-  std::unique_ptr<Service> service;
+  TempFolder folder;
+  std::unique_ptr<server::Service> service;
 
-  explicit Live(BakeFunction bake, ServerConfig config = {}, EdgeLimits limits = {},
-                CheckFunction check = {});
-  Live(ServiceParts parts, ServerConfig config);  ///< parts without a check take every scene
+  explicit Live(jobs::BakeFunction bake, base::ServerConfig config = {},
+                http::EdgeLimits limits = {}, api::CheckFunction check = {});
+  Live(server::ServiceParts parts,
+       base::ServerConfig config);  ///< parts without a check take every scene
   std::uint16_t port() const { return service->port(); }
 };
 
@@ -70,4 +71,4 @@ std::string member(const std::string& json, const std::string& key);
 /// Waits for a state; returns the last one seen.
 std::string wait_for_state(std::uint16_t port, const std::string& id, const std::string& state);
 
-}  // namespace kiln::server
+}  // namespace kiln::test

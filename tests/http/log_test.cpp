@@ -3,17 +3,17 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "program.h"
+#include "tests/http/program.h"
 
 /// What the log says of requests and jobs.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using std::chrono::milliseconds;
 
 class Log : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
 
   /// The lines with this request id, once one of them ends the request.
   static std::vector<nlohmann::json> lines(Program& program, const std::string& request_id) {
@@ -89,4 +89,4 @@ TEST_F(Log, ASlowClientIsNoSlowRequest) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

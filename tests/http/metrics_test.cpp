@@ -1,12 +1,12 @@
 #include <gtest/gtest.h>
 
-#include "live.h"
+#include "tests/http/live.h"
 
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 TEST(Metrics, CountJobsRequestsAndCommits) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant(3));
   const std::string id = post_job(live.port()), path = "/v1/jobs/" + id;
   EXPECT_EQ(wait_for_state(live.port(), id, "succeeded"), "succeeded");
@@ -32,4 +32,4 @@ TEST(Metrics, CountJobsRequestsAndCommits) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -3,15 +3,15 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "event_stream.h"
-#include "program.h"
-#include "proto/schema_check.h"
 #include "proto/sha256.h"
-#include "receiver.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
+#include "tests/http/receiver.h"
+#include "tests/proto/schema_check.h"
 
 /// Every example of /openapi.json: requests are sent to a live service and have to be answered as
 /// the document says; example answers have to fit their schemas.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
@@ -45,10 +45,10 @@ struct Example {
 
 class OpenapiExamples : public testing::Test {
  protected:
-  test::TempFolder folder_;
+  TempFolder folder_;
   Receiver receiver_;
   const std::filesystem::path scene_ = write_small_scene(folder_.path());
-  const std::string bytes_ = test::read_bytes(scene_);
+  const std::string bytes_ = read_bytes(scene_);
   const Program program_{
       folder_.path() / "data",
       {"--webhook-networks", "127.0.0.0/8", "--webhook-secrets",
@@ -170,7 +170,7 @@ class OpenapiExamples : public testing::Test {
     ASSERT_TRUE(file || told["content"].contains(plain)) << plain;
     if (file || !told["content"][plain].contains("schema")) return;
     const json value = json::parse(answer.body);
-    EXPECT_TRUE(proto::test::accepts(resolved(told["content"][plain]["schema"], document_), value))
+    EXPECT_TRUE(proto::accepts(resolved(told["content"][plain]["schema"], document_), value))
         << value.dump(2);
   }
 };
@@ -208,7 +208,7 @@ TEST_F(OpenapiExamples, OfAnswersFitTheirSchemas) {
     for (const auto& [type, media] : content.items()) {
       if (!media.contains("example")) continue;
       ++found;
-      EXPECT_TRUE(proto::test::accepts(resolved(media["schema"], document_), media["example"]))
+      EXPECT_TRUE(proto::accepts(resolved(media["schema"], document_), media["example"]))
           << where << "\n"
           << media["example"].dump(2);
     }
@@ -224,4 +224,4 @@ TEST_F(OpenapiExamples, OfAnswersFitTheirSchemas) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

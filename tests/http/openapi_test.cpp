@@ -5,12 +5,12 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "live.h"
 #include "proto/json.h"
-#include "proto/schema_check.h"
+#include "tests/http/live.h"
+#include "tests/proto/schema_check.h"
 
 /// /openapi.json says what the code does: same routes, same documents.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
@@ -28,14 +28,14 @@ json resolved(const json& node, const json& document) {
 
 class Openapi : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
   const Live live_{fake_.instant()};
   const json document_ = json::parse(ask(live_.port(), "GET", "/openapi.json").body);
 
   json get(const std::string& target) { return json::parse(ask(live_.port(), "GET", target).body); }
   void expect_fits(const std::string& schema, const json& value) {
     const json rule = resolved(document_.at("components").at("schemas").at(schema), document_);
-    EXPECT_TRUE(proto::test::accepts(rule, value)) << schema << "\n" << value.dump(2);
+    EXPECT_TRUE(proto::accepts(rule, value)) << schema << "\n" << value.dump(2);
   }
 };
 
@@ -52,7 +52,7 @@ TEST_F(Openapi, NamesEveryRouteAndNoOther) {
       described.emplace(upper, pattern);
     }
   }
-  for (const auto& route : api_routes()) routed.insert(route);
+  for (const auto& route : api::api_routes()) routed.insert(route);
   EXPECT_EQ(described, routed);
 }
 
@@ -88,7 +88,7 @@ TEST_F(Openapi, DescribesWhatTheServiceAnswers) {
 }
 
 TEST_F(Openapi, DescribesFailedJobs) {
-  const Live failing(FakeBake::throwing([] { throw std::bad_alloc(); }));
+  const Live failing(jobs::FakeBake::throwing([] { throw std::bad_alloc(); }));
   const std::string id = post_job(failing.port());
   const json job = json::parse(ask(failing.port(), "GET", "/v1/jobs/" + id + "?wait=20").body);
   EXPECT_EQ(job["state"], "failed");
@@ -106,10 +106,10 @@ TEST_F(Openapi, DescribesRequestsAsTheyAreRead) {
   for (const json& wrong :
        {json{{"priority", 101}}, json{{"prio", 1}}, json{{"ttl_seconds", -1}}}) {
     const json rule = document_["components"]["schemas"]["Options"];
-    EXPECT_FALSE(proto::test::accepts(rule, wrong));
+    EXPECT_FALSE(proto::accepts(rule, wrong));
     EXPECT_FALSE(proto::job_options_from_json(wrong));
   }
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -11,11 +11,11 @@
 #include <cstring>
 #include <filesystem>
 
-#include "event_stream.h"
-#include "program.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
 
 /// What goes wrong with an HTTP server that nobody thought about, one test each.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -54,7 +54,7 @@ int listener_of(std::uint16_t port) {
 
 // With a backlog of five, all but a few of these wait for seconds for their SYN to be sent again.
 TEST(Pitfalls, ABurstOfConnectionsFindsRoom) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   Program program(folder.path() / "data");
   program.signal(SIGSTOP);  // nobody accepts for now
   const auto address = loopback(program.port());
@@ -85,7 +85,7 @@ TEST(Pitfalls, ABurstOfConnectionsFindsRoom) {
 
 // Head and body are two sends: with Nagle's algorithm the second waits 40 ms for the first's ACK.
 TEST(Pitfalls, AnAnswerOnAKeptConnectionDoesNotWaitForAnAcknowledgement) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const Wire wire(live.port());
   std::vector<Clock::duration> times;
@@ -100,19 +100,19 @@ TEST(Pitfalls, AnAnswerOnAKeptConnectionDoesNotWaitForAnAcknowledgement) {
 }
 
 TEST(Pitfalls, APortBelongsToOneServer) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const proto::Fd thief(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
   const int yes = 1;
   ::setsockopt(thief.get(), SOL_SOCKET, SO_REUSEPORT, &yes, sizeof yes);
   const auto address = loopback(live.port());
   EXPECT_NE(::bind(thief.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  const test::TempFolder folder;
-  ServerConfig config;
+  const TempFolder folder;
+  base::ServerConfig config;
   config.data = folder.path();
   config.port = live.port();
   config.admin_port = 0;
-  const auto second = Service::start(
+  const auto second = server::Service::start(
       config,
       {fake.instant(), [](const auto&, const auto&) { return proto::Expected<void>(); }, {}});
   ASSERT_FALSE(second);
@@ -121,7 +121,7 @@ TEST(Pitfalls, APortBelongsToOneServer) {
 
 // Part heads that a backtracking regular expression takes 0.4 s each for, or its stack's end.
 TEST(Pitfalls, LongPartHeadsTakeNoTime) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   std::string body;
   for (int i = 0; i < 200; ++i)
@@ -144,7 +144,7 @@ TEST(Pitfalls, LongPartHeadsTakeNoTime) {
 }
 
 TEST(Pitfalls, NobodyTellsTheLogWhoTheyAre) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   Program program(folder.path() / "data");
   const Answer answer =
       ask(program.port(), "GET", "/v1/jobs?limit=7",
@@ -158,7 +158,7 @@ TEST(Pitfalls, NobodyTellsTheLogWhoTheyAre) {
 
 // A server whose accept() failed once must not be one that runs and can't be reached.
 TEST(Pitfalls, AListenerThatFailsIsBoundAgain) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   for (int i = 0; i < 2; ++i) {
     const int listener = listener_of(live.port());
@@ -177,7 +177,7 @@ TEST(Pitfalls, AListenerThatFailsIsBoundAgain) {
 
 // What a child process inherits stays open when we close it.
 TEST(Pitfalls, NoChildInheritsADescriptor) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const std::vector<int> before = open_descriptors();
   const Live live(fake.holding());
   const std::string id = post_job(live.port());
@@ -202,7 +202,7 @@ TEST(Pitfalls, NoChildInheritsADescriptor) {
 }
 
 TEST(Pitfalls, AStopDoesNotWaitForAPeerThatIsStuck) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const Wire stuck(live.port()), silent(live.port());
   stuck.send("POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Length: 100000\r\n\r\nglTF");
@@ -219,8 +219,8 @@ TEST(Pitfalls, AStopDoesNotWaitForAPeerThatIsStuck) {
 struct Gatekeeper {
   std::atomic<bool> go{false};
   std::atomic<int> held{0};
-  CheckFunction check() {
-    return [this](const baker::SceneFiles&, const proto::BakeSettings&) {
+  api::CheckFunction check() {
+    return [this](const files::SceneFiles&, const proto::BakeSettings&) {
       ++held;
       while (!go) std::this_thread::sleep_for(milliseconds(5));
       return proto::Expected<void>();
@@ -229,11 +229,11 @@ struct Gatekeeper {
 };
 
 TEST(Pitfalls, OverloadIsToldInsteadOfLeftToTimeOut) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   Gatekeeper keeper;
-  ServerConfig config;
+  base::ServerConfig config;
   config.http_threads = 2;
-  EdgeLimits limits;
+  http::EdgeLimits limits;
   limits.waiting = 4;
   const Live live(fake.instant(), config, limits, keeper.check());
   const std::string post =
@@ -263,8 +263,8 @@ TEST(Pitfalls, OverloadIsToldInsteadOfLeftToTimeOut) {
 }
 
 TEST(Pitfalls, OneAddressLeavesPlacesForOthers) {
-  FakeBake fake;
-  EdgeLimits limits;
+  jobs::FakeBake fake;
+  http::EdgeLimits limits;
   limits.connections = 5;
   limits.connections_per_peer = 3;
   limits.linger = milliseconds(100);
@@ -291,4 +291,4 @@ TEST(Pitfalls, OneAddressLeavesPlacesForOthers) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -1,4 +1,4 @@
-#include "program.h"
+#include "tests/http/program.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -15,12 +15,12 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "baker/scene/generate.h"
-#include "baker/scene/glb_writer.h"
+#include "baker/generate/generate.h"
+#include "baker/gltf/glb_writer.h"
 
 extern char** environ;
 
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 pid_t spawn(const std::vector<std::string>& words, int log) {
@@ -125,7 +125,7 @@ std::uint64_t Program::anonymous_bytes() const {
 }
 
 Answer curl(const std::string& arguments) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const std::string at = folder.path().string();
   const std::string command = "curl --silent --show-error --max-time 120 -o " + at + "/body -D " +
                               at + "/head " + arguments + " 2>" + at + "/error </dev/null";
@@ -143,25 +143,25 @@ Answer curl(const std::string& arguments) {
 
 std::filesystem::path write_scene(const std::filesystem::path& folder, const std::string& name) {
   auto path = folder / (name + ".glb");
-  std::ofstream(path, std::ios::binary) << baker::generate_glb(name).value();
+  std::ofstream(path, std::ios::binary) << generate::generate_glb(name).value();
   return path;
 }
 
 std::filesystem::path write_small_scene(const std::filesystem::path& folder) {
-  using baker::Vec2, baker::Vec3;
+  using math::Vec2, math::Vec3;
   // A parallelogram; (u, v) is its place on the page.
   const auto square = [](Vec3 corner, Vec3 du, Vec3 dv, Vec3 normal, Vec2 uv) {
     constexpr float kPart = 0.0625f;  // 64 of 1024 texels
     const std::vector<Vec2> uvs{
         uv, {uv.x + kPart, uv.y}, {uv.x, uv.y + kPart}, {uv.x + kPart, uv.y + kPart}};
-    return baker::GlbPrimitive{0,
-                               {corner, corner + du, corner + dv, corner + du + dv},
-                               std::vector<Vec3>(4, normal),
-                               uvs,
-                               uvs,
-                               {{0, 1, 2}, {2, 1, 3}}};
+    return gltf::GlbPrimitive{0,
+                              {corner, corner + du, corner + dv, corner + du + dv},
+                              std::vector<Vec3>(4, normal),
+                              uvs,
+                              uvs,
+                              {{0, 1, 2}, {2, 1, 3}}};
   };
-  baker::GlbDocument document;
+  gltf::GlbDocument document;
   document.name = "corner";
   document.materials.emplace_back().base_color = {0.5f, 0.5f, 0.5f};
   document.meshes = {
@@ -175,7 +175,7 @@ std::filesystem::path write_small_scene(const std::filesystem::path& folder) {
   document.nodes[2].light = 0;
   document.nodes[2].translation = {1, 1.5f, 1};
   auto path = folder / "corner.glb";
-  std::ofstream(path, std::ios::binary) << baker::write_glb(document);
+  std::ofstream(path, std::ios::binary) << gltf::write_glb(document);
   return path;
 }
 
@@ -191,4 +191,4 @@ std::string post_job(const Program& program, const std::filesystem::path& scene,
   return member(answer.body, "id");
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::test

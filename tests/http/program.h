@@ -10,9 +10,9 @@
 #include <thread>
 #include <vector>
 
-#include "live.h"
+#include "tests/http/live.h"
 
-namespace kiln::server {
+namespace kiln::test {
 
 /// The built program as `lightkiln serve` on free ports, in a process of its own.
 class Program {
@@ -75,4 +75,4 @@ std::string post_job(const Program&, const std::filesystem::path& scene,
 inline const std::string kLongBake =
     R"({"atlas":{"page_size":1024},"solver":{"samples":1024,"direct_samples":256}})";
 
-}  // namespace kiln::server
+}  // namespace kiln::test

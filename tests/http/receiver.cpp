@@ -1,4 +1,4 @@
-#include "receiver.h"
+#include "tests/http/receiver.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -7,9 +7,9 @@
 
 #include <algorithm>
 
-#include "live.h"
+#include "tests/http/live.h"
 
-namespace kiln::server {
+namespace kiln::test {
 
 Receiver::Receiver(std::vector<std::string> answers)
     : answers_(std::move(answers)), listener_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
@@ -75,4 +75,4 @@ std::vector<Receiver::Message> Receiver::wait(std::size_t count, std::chrono::mi
   return messages_;
 }
 
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::test {
 
 /// A webhook's receiver on loopback. Answers each request with the next of its answers, the last
 /// one again and again.
@@ -56,4 +56,4 @@ class Receiver {
   std::thread thread_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -5,11 +5,11 @@
 #include <numeric>
 #include <thread>
 
-#include "event_stream.h"
-#include "program.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
 
 /// The built program under signals.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 constexpr const char* kShortBake =
@@ -17,7 +17,7 @@ constexpr const char* kShortBake =
 
 class Signals : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
   const std::filesystem::path data = folder.path() / "data";
   const std::filesystem::path scene = write_scene(folder.path(), "cornell");
 
@@ -164,4 +164,4 @@ TEST_F(Signals, AFolderBelongsToOneServiceAtATime) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -6,15 +6,15 @@
 #include <stdexcept>
 
 #include "baker/bake.h"
-#include "live.h"
 #include "proto/problems.h"
 #include "proto/sha256.h"
+#include "tests/http/live.h"
 
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 TEST(Routes, AJobFromUploadToDownload) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::string path = "/v1/jobs/" + post_job(live.port());
   const Answer done = ask(live.port(), "GET", path + "?wait=20");
@@ -30,7 +30,7 @@ TEST(Routes, AJobFromUploadToDownload) {
 }
 
 TEST(Routes, ResultsHaveTagsAndRanges) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::string path = "/v1/jobs/" + post_job(live.port());
   ask(live.port(), "GET", path + "?wait=20");
@@ -62,7 +62,7 @@ TEST(Routes, ResultsHaveTagsAndRanges) {
 }
 
 TEST(Routes, ScenesAreUploadedOnce) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::vector<std::string> type{"Content-Type: model/gltf-binary"};
   const Answer created = ask(live.port(), "POST", "/v1/scenes", type, "glTF1");
@@ -81,7 +81,7 @@ TEST(Routes, ScenesAreUploadedOnce) {
 }
 
 TEST(Routes, WhatIsAnnouncedIsChecked) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::string key = proto::sha256_hex("glTF1"), path = "/v1/scenes/sha256:";
   const Answer put = ask(live.port(), "PUT", path + key, {}, "glTF1");
@@ -104,7 +104,7 @@ TEST(Routes, WhatIsAnnouncedIsChecked) {
 }
 
 TEST(Routes, AllResultsComeAsOneArchive) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const std::string path = "/v1/jobs/" + post_job(live.port());
   ask(live.port(), "GET", path + "?wait=20");
@@ -144,8 +144,8 @@ void expect_problem(std::uint16_t port, const BadRequest& bad) {
 }
 
 TEST(Routes, EveryErrorIsAProblem) {
-  FakeBake fake;
-  ServerConfig config;
+  jobs::FakeBake fake;
+  base::ServerConfig config;
   config.max_upload_bytes = 1000;
   const Live live(fake.instant(), config);
   const std::vector<std::string> json{"Content-Type: application/json"};
@@ -214,10 +214,10 @@ TEST(Routes, EveryErrorIsAProblem) {
 }
 
 TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   std::vector<std::string> names;
   const Live live(
-      fake.instant(), {}, {}, [&](const baker::SceneFiles& files, const proto::BakeSettings&) {
+      fake.instant(), {}, {}, [&](const files::SceneFiles& files, const proto::BakeSettings&) {
         for (const auto& [name, path] : files.side) names.push_back(name);
         return proto::Expected<void>(proto::fail("invalid_scene", "Odd.", "scene", "/nodes/3"));
       });
@@ -234,10 +234,10 @@ TEST(Routes, SideFilesReachTheCheckAndAnErrorNamesItsPlace) {
 }
 
 TEST(Routes, AnExceptionIsAProblemWithoutItsText) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(
       fake.instant(), {}, {},
-      [](const baker::SceneFiles&, const proto::BakeSettings&) -> proto::Expected<void> {
+      [](const files::SceneFiles&, const proto::BakeSettings&) -> proto::Expected<void> {
         throw std::runtime_error("secret");
       });
   const Answer answer = ask(live.port(), "POST", "/v1/scenes", {}, "glTF");
@@ -247,7 +247,7 @@ TEST(Routes, AnExceptionIsAProblemWithoutItsText) {
 }
 
 TEST(Routes, CancelAndNotReady) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.holding());
   const std::string id = post_job(live.port()), path = "/v1/jobs/" + id;
   EXPECT_EQ(wait_for_state(live.port(), id, "running"), "running");
@@ -272,7 +272,7 @@ Answer post_options(std::uint16_t port, const std::string& options, const std::s
 }
 
 TEST(Routes, ARequestThatIsSentAgainMakesNoSecondJob) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   const Answer first = post_options(live.port(), "{}", "abc");
   EXPECT_EQ(first.status, 202) << first.body;
@@ -298,7 +298,7 @@ TEST(Routes, ARequestThatIsSentAgainMakesNoSecondJob) {
 }
 
 TEST(Routes, OptionsAreKeptListedAndChanged) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.holding());
   const Answer made = post_options(
       live.port(), R"({"priority":3,"labels":{"team":"a b&c","n":"1"},"ttl_seconds":60})");
@@ -341,7 +341,7 @@ TEST(Routes, OptionsAreKeptListedAndChanged) {
 }
 
 TEST(Routes, WrongOptionsAreNamed) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant());
   for (const auto& [options, pointer] :
        std::vector<std::pair<std::string, std::string>>{{R"({"priority":101})", "/priority"},
@@ -373,4 +373,4 @@ TEST(Routes, EveryErrorCodeIsInTheDocumentation) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -3,29 +3,28 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "program.h"
-#include "support/sky_files.h"
+#include "tests/http/program.h"
+#include "tests/support/sky_files.h"
 
 /// Jobs whose sky is a file of the upload.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
 
 class Skies : public testing::Test {
  protected:
-  test::TempFolder folder;
+  TempFolder folder;
   Program program{folder.path() / "data"};
   const std::string scene = write_small_scene(folder.path()).string();
   const std::string sky =
       folder
-          .write(
-              "noon.exr",
-              test::exr_file(
-                  {32,
-                   [](baker::Vec3 d) -> baker::Rgb {
-                     return d.y > 0.9f ? baker::Rgb{500, 500, 400} : baker::Rgb{0.2f, 0.3f, 0.5f};
-                   }}))
+          .write("noon.exr",
+                 exr_file(
+                     {32,
+                      [](math::Vec3 d) -> math::Rgb {
+                        return d.y > 0.9f ? math::Rgb{500, 500, 400} : math::Rgb{0.2f, 0.3f, 0.5f};
+                      }}))
           .string();
 
   /// A form for curl: the scene, a sky map named noon.exr unless its path is empty, settings.
@@ -118,4 +117,4 @@ TEST_F(Skies, TheCommandsSendThem) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -4,11 +4,11 @@
 #include <memory>
 #include <numeric>
 
-#include "event_stream.h"
-#include "program.h"
+#include "tests/http/event_stream.h"
+#include "tests/http/program.h"
 
 /// Event streams of live services: many at a time, resumed, and left behind.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 std::vector<std::uint64_t> range(std::uint64_t first, std::uint64_t last) {
@@ -18,7 +18,7 @@ std::vector<std::uint64_t> range(std::uint64_t first, std::uint64_t last) {
 }
 
 TEST(Streams, AHundredLeaveRoomForShortRequests) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   Program program(folder.path() / "data", {"--http-threads", "4"});
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
   std::vector<std::unique_ptr<EventStream>> streams;
@@ -46,7 +46,7 @@ TEST(Streams, AHundredLeaveRoomForShortRequests) {
 }
 
 TEST(Streams, ResumeExactlyWhereTheyWereCut) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant(5));
   const std::string id = post_job(live.port());
   EventStream all(live.port(), id);
@@ -69,7 +69,7 @@ TEST(Streams, ResumeExactlyWhereTheyWereCut) {
 }
 
 TEST(Streams, ResumeWhileTheJobRuns) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.holding());
   const std::string id = post_job(live.port());
   std::vector<std::uint64_t> seen;
@@ -87,7 +87,7 @@ TEST(Streams, ResumeWhileTheJobRuns) {
 }
 
 TEST(Streams, WhoIsTooFarBehindGetsASnapshot) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.instant(3000));  // more passes than events are kept
   const std::string id = post_job(live.port());
   ASSERT_EQ(wait_for_state(live.port(), id, "succeeded"), "succeeded");
@@ -104,7 +104,7 @@ TEST(Streams, WhoIsTooFarBehindGetsASnapshot) {
 }
 
 TEST(Streams, AreToldWhenTheServiceGoes) {
-  FakeBake fake;
+  jobs::FakeBake fake;
   const Live live(fake.holding());
   const std::string id = post_job(live.port());
   EventStream early(live.port(), id);
@@ -122,4 +122,4 @@ TEST(Streams, AreToldWhenTheServiceGoes) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

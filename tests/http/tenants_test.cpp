@@ -3,16 +3,16 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "live.h"
-#include "program.h"
+#include "tests/http/live.h"
+#include "tests/http/program.h"
 
 /// Tokens, tenants and quotas on a live service.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 class Tenants : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
 
   struct Client {
     std::uint16_t port;
@@ -91,7 +91,7 @@ TEST_F(Tenants, ShareNoScenesKeysAndTwins) {
 }
 
 TEST_F(Tenants, HaveQuotas) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_running_jobs = 2;
   config.max_running_jobs_per_tenant = 1;
   config.max_queued_jobs_per_tenant = 1;
@@ -121,14 +121,14 @@ TEST_F(Tenants, HaveQuotas) {
 }
 
 TEST_F(Tenants, WithoutTokensTheServiceStaysOnLoopback) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const std::string data = (folder.path() / "data").string();
   const std::string error = (folder.path() / "error").string();
   const std::string binary = LIGHTKILN_BINARY;
   const std::string serve =
       binary + " serve --port 0 --admin-port 0 --listen 0.0.0.0 --data " + data + " 2>" + error;
   EXPECT_EQ(WEXITSTATUS(std::system(serve.c_str())), 1);
-  EXPECT_NE(test::read_bytes(error).find("lightkiln token create"), std::string::npos);
+  EXPECT_NE(read_bytes(error).find("lightkiln token create"), std::string::npos);
 
   const std::string secret_file = (folder.path() / "token").string();
   EXPECT_EQ(std::system((binary + " token create --tenant art --data " + data + " >" + secret_file +
@@ -146,10 +146,10 @@ TEST_F(Tenants, WithoutTokensTheServiceStaysOnLoopback) {
   EXPECT_TRUE(std::filesystem::exists(folder.path() / "out" / "lit.glb"));
   const std::string list = (folder.path() / "list").string();
   EXPECT_EQ(std::system((binary + " token list --data " + data + " >" + list).c_str()), 0);
-  const std::string id = test::read_bytes(list).substr(0, 30);
+  const std::string id = read_bytes(list).substr(0, 30);
   EXPECT_EQ(std::system((binary + " token revoke " + id + " --data " + data).c_str()), 0);
   EXPECT_NE(std::system((submit + " --token-file " + secret_file).c_str()), 0);
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

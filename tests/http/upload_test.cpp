@@ -6,10 +6,10 @@
 #include <fstream>
 #include <thread>
 
-#include "program.h"
+#include "tests/http/program.h"
 
 /// Uploads by size: what the service takes in and what it takes to hold it.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 // A .glb whose binary chunk is blown up with zeros that nothing uses; the file is sparse.
@@ -71,7 +71,7 @@ class MemoryWatch {
 
 TEST(Uploads, HalfAGigabyteTakesNoMemory) {
   constexpr std::uint64_t kBytes = 500'000'000, kAllowed = 64ull << 20;
-  const test::TempFolder folder;
+  const TempFolder folder;
   Program program(folder.path() / "data");
   const auto scene = write_large_scene(folder.path(), kBytes);
   ask(program.port(), "GET", "/v1/jobs");  // what the first request takes is not the upload's
@@ -91,7 +91,7 @@ TEST(Uploads, HalfAGigabyteTakesNoMemory) {
 }
 
 TEST(Uploads, WhatIsTooLargeIsRefusedBeforeItIsSent) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   Program program(folder.path() / "data", {"--max-upload-bytes", "1MiB"});
   const auto scene = write_large_scene(folder.path(), 100'000'000);
   const std::string known = "-F scene=@" + scene.string() + " " + program.url("/v1/jobs");
@@ -108,4 +108,4 @@ TEST(Uploads, WhatIsTooLargeIsRefusedBeforeItIsSent) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -6,12 +6,12 @@
 #include <nlohmann/json.hpp>
 
 #include "clients/client.h"
-#include "live.h"
-#include "program.h"
 #include "proto/sha256.h"
+#include "tests/http/live.h"
+#include "tests/http/program.h"
 
 /// Uploads in pieces, over HTTP.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using Headers = std::vector<std::string>;
@@ -20,7 +20,7 @@ const std::string kPartial = "Content-Type: application/partial-upload";
 
 class Resumable : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
   const std::string scene_ = "glTF" + std::string(100'000, 's');
   const std::string id_ = "sha256:" + proto::sha256_hex(scene_);
 
@@ -118,10 +118,10 @@ TEST_F(Resumable, TheSameKeyFindsTheUploadAgain) {
 }
 
 TEST_F(Resumable, RefusesWhatCanNotBecomeAScene) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_upload_bytes = 200'000;
   const Live live(
-      fake_.instant(), config, {}, [](const baker::SceneFiles& files, const proto::BakeSettings&) {
+      fake_.instant(), config, {}, [](const files::SceneFiles& files, const proto::BakeSettings&) {
         if (std::filesystem::file_size(files.main) > 10) return proto::Expected<void>();
         return proto::Expected<void>(proto::fail("invalid_scene", "Short.", "scene", ""));
       });
@@ -154,7 +154,7 @@ TEST_F(Resumable, RefusesWhatCanNotBecomeAScene) {
 }
 
 TEST_F(Resumable, UploadsCountInTheQuotaOfTheirTenant) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_bytes_per_tenant = 150'000;
   const Live live(fake_.instant(), config);
   const auto authorize = [&](const std::string& tenant) {
@@ -177,7 +177,7 @@ TEST_F(Resumable, UploadsCountInTheQuotaOfTheirTenant) {
 /// A scene that is large enough for the client to send it by an upload.
 std::filesystem::path large_scene(const std::filesystem::path& folder) {
   const auto small = write_small_scene(folder);
-  std::string bytes = test::read_bytes(small);
+  std::string bytes = read_bytes(small);
   // One more chunk, of a type that glTF readers skip.
   const std::uint32_t pad = clients::Client::kResumableBytes;
   const auto word = [](std::uint32_t v) {
@@ -191,9 +191,9 @@ std::filesystem::path large_scene(const std::filesystem::path& folder) {
 }
 
 TEST_F(Resumable, TheClientGoesOnWithAnUploadThatAKilledServiceHad) {
-  const test::TempFolder folder;
+  const TempFolder folder;
   const auto scene = large_scene(folder.path());
-  const std::string bytes = test::read_bytes(scene), key = proto::sha256_hex(bytes);
+  const std::string bytes = read_bytes(scene), key = proto::sha256_hex(bytes);
   std::string path;
   {
     Program killed(folder.path() / "data");
@@ -222,4 +222,4 @@ TEST_F(Resumable, TheClientGoesOnWithAnUploadThatAKilledServiceHad) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

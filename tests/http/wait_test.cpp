@@ -2,17 +2,17 @@
 
 #include <future>
 
-#include "live.h"
+#include "tests/http/live.h"
 
 /// Requests that wait: for a job's end, or for its next version.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
 class Wait : public testing::Test {
  protected:
-  FakeBake fake_;
+  jobs::FakeBake fake_;
 };
 
 TEST_F(Wait, SinceAVersionAnswersWithTheNextOrThatThereIsNone) {
@@ -31,7 +31,7 @@ TEST_F(Wait, SinceAVersionAnswersWithTheNextOrThatThereIsNone) {
 }
 
 TEST_F(Wait, SinceAVersionSleepsUntilTheJobChanges) {
-  ServerConfig config;
+  base::ServerConfig config;
   config.max_running_jobs = 1;
   const Live live(fake_.holding(), config);
   const std::string first = post_job(live.port());
@@ -88,4 +88,4 @@ TEST_F(Wait, PreferOnAJobThatTakesLongerIsTheUsualAnswer) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -9,11 +9,11 @@
 #include <thread>
 #include <vector>
 
-#include "live.h"
-#include "support/sanitizer.h"
+#include "tests/http/live.h"
+#include "tests/support/sanitizer.h"
 
 /// Requests that wait for a job hold no thread: there may be hundreds.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -24,8 +24,8 @@ constexpr unsigned kThreads = 8;
 
 class Waiters : public testing::Test {
  protected:
-  static ServerConfig config() {
-    ServerConfig config;
+  static base::ServerConfig config() {
+    base::ServerConfig config;
     config.http_threads = kThreads;
     config.max_running_jobs = 1;
     return config;
@@ -85,7 +85,7 @@ class Waiters : public testing::Test {
 
   /// A service whose checks are refused as long as `busy`.
   Live live_with_checks(const std::atomic<bool>& busy, std::atomic<int>& checks) {
-    const auto check = [&](const baker::SceneFiles&,
+    const auto check = [&](const files::SceneFiles&,
                            const proto::BakeSettings&) -> proto::Expected<void> {
       ++checks;
       if (busy) return proto::fail("overloaded", "Too many scenes are being read at once.");
@@ -94,7 +94,7 @@ class Waiters : public testing::Test {
     return Live(fake_.instant(), config(), {}, check);
   }
 
-  FakeBake fake_;
+  jobs::FakeBake fake_;
 };
 
 // A burst of uploads is worked off, not refused.
@@ -145,7 +145,7 @@ TEST_F(Waiters, FiveHundredHearOfTheEndAndNobodyElseWaits) {
     EXPECT_EQ(ask(live.port(), "GET", "/v1/jobs/" + id).status, 200) << "a thread is free";
     EXPECT_EQ(post_job(live.port()).substr(0, 4), "job_");
   }
-  EXPECT_LT(Clock::now() - begin, seconds(5) * test::kSlowdown) << "a wait is sixty";
+  EXPECT_LT(Clock::now() - begin, seconds(5) * kSlowdown) << "a wait is sixty";
   expect_waiting(live, 500);
 
   fake_.go = true;
@@ -158,7 +158,7 @@ TEST_F(Waiters, FiveHundredHearOfTheEndAndNobodyElseWaits) {
     EXPECT_EQ(member(answer.body, "state"), "succeeded");
     requests.insert(answer.headers.at("x-request-id"));
   }
-  EXPECT_LT(Clock::now() - over, seconds(1) * test::kSlowdown);
+  EXPECT_LT(Clock::now() - over, seconds(1) * kSlowdown);
   EXPECT_EQ(requests.size(), 500u);
   expect_waiting(live, 0);
   // They are kept alive.
@@ -168,7 +168,7 @@ TEST_F(Waiters, FiveHundredHearOfTheEndAndNobodyElseWaits) {
 
 // A pool that is told of more waiters than may queue for it refuses none of them.
 TEST_F(Waiters, AreNotRefusedWhenAllAreWokenAtOnce) {
-  EdgeLimits limits;
+  http::EdgeLimits limits;
   limits.waiting = 4;
   const Live live(fake_.holding(), config(), limits);
   const std::string id = queued_job(live);
@@ -193,12 +193,12 @@ TEST_F(Waiters, AreAnsweredWithTheJobAsItIsWhenTheTimeIsUp) {
     EXPECT_EQ(answer.headers.at("etag"), "\"" + version + "\"");
   }
   EXPECT_GE(Clock::now() - began, milliseconds(1000));
-  EXPECT_LT(Clock::now() - began, seconds(4) * test::kSlowdown);
+  EXPECT_LT(Clock::now() - began, seconds(4) * kSlowdown);
   fake_.go = true;
 }
 
 TEST_F(Waiters, KeepTheSemanticsOfTheirRequest) {
-  ServerConfig limited = config();
+  base::ServerConfig limited = config();
   limited.max_requests_per_minute_per_tenant = 1000;
   const Live live(fake_.holding(), limited);
   const std::string path = "/v1/jobs/" + queued_job(live);
@@ -226,7 +226,7 @@ TEST_F(Waiters, KeepTheSemanticsOfTheirRequest) {
 }
 
 TEST_F(Waiters, ThatGoGiveTheirPlaceBack) {
-  ServerConfig few = config();
+  base::ServerConfig few = config();
   few.max_connections = 12;
   const Live live(fake_.holding(), few);
   const std::string id = queued_job(live);
@@ -294,7 +294,7 @@ TEST_F(Waiters, AreAllAnsweredWhenTheServiceEnds) {
     EXPECT_EQ(answer.headers.at("connection"), "close");
   }
   stopped.get();
-  EXPECT_LT(Clock::now() - began, seconds(5) * test::kSlowdown);
+  EXPECT_LT(Clock::now() - began, seconds(5) * kSlowdown);
 }
 
 // Between the look at the job and the waiting it may change: nobody must sleep through that.
@@ -330,4 +330,4 @@ TEST_F(Waiters, MissNoChange) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -3,13 +3,13 @@
 
 #include <nlohmann/json.hpp>
 
-#include "live.h"
-#include "program.h"
-#include "receiver.h"
 #include "server/webhooks/signature.h"
+#include "tests/http/live.h"
+#include "tests/http/program.h"
+#include "tests/http/receiver.h"
 
 /// Webhooks of jobs, from a live service to a receiver on loopback.
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
@@ -19,18 +19,19 @@ constexpr const char* kSecret = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
 
 class Webhook : public testing::Test {
  protected:
-  FakeBake fake_;
-  test::TempFolder folder_;
+  jobs::FakeBake fake_;
+  TempFolder folder_;
 
-  ServerConfig config() {
-    ServerConfig config;
+  base::ServerConfig config() {
+    base::ServerConfig config;
     config.webhook_networks = "127.0.0.0/8";
     config.webhook_secrets =
         folder_.write("secrets", std::string("ci = ") + kSecret + "\nart/own = " + kSecret + "\n");
     return config;
   }
-  static ServiceParts parts(BakeFunction bake, WebhookDelays delays = {milliseconds(50)}) {
-    ServiceParts parts;
+  static server::ServiceParts parts(jobs::BakeFunction bake,
+                                    webhooks::WebhookDelays delays = {milliseconds(50)}) {
+    server::ServiceParts parts;
     parts.bake = std::move(bake);
     parts.webhook_delays = std::move(delays);
     parts.webhook_limits.total = milliseconds(1'500);
@@ -73,9 +74,10 @@ TEST_F(Webhook, TellsOfTheEndSignedAsTheStandardSays) {
   EXPECT_EQ(body["type"], "job.end");
   EXPECT_EQ(body["data"]["job"], member(made.body, "id"));
   EXPECT_EQ(body["data"]["state"], "succeeded");
-  EXPECT_EQ(m.header("webhook-signature"),
-            webhook_signature(webhook_key(kSecret).value(), m.header("webhook-id"),
-                              std::stoll(m.header("webhook-timestamp")), m.body));
+  EXPECT_EQ(
+      m.header("webhook-signature"),
+      webhooks::webhook_signature(webhooks::webhook_key(kSecret).value(), m.header("webhook-id"),
+                                  std::stoll(m.header("webhook-timestamp")), m.body));
   EXPECT_NEAR(double(std::stoll(m.header("webhook-timestamp"))), double(std::time(nullptr)), 30);
   EXPECT_EQ(m.body.find(kSecret), std::string::npos);
   EXPECT_TRUE(reaches(live, "webhook_tries_total{outcome=\"delivered\"} 1\n"));
@@ -103,7 +105,7 @@ TEST_F(Webhook, TriesAgainWithTheSameIdUntilItIsTaken) {
                      "HTTP/1.1 302 Found\r\nLocation: http://127.0.0.1:1/\r\nContent-Length: 0\r\n"
                      "Connection: close\r\n\r\n",
                      "garbage\r\n\r\n", Receiver::kTaken});
-  const WebhookDelays delays(7, milliseconds(30));
+  const webhooks::WebhookDelays delays(7, milliseconds(30));
   const Live live(parts(fake_.instant(), delays), config());
   ASSERT_EQ(post(live.port(), {{"url", receiver.url()}, {"secret_ref", "ci"}}).status, 202);
   const auto messages = receiver.wait(4);
@@ -119,12 +121,12 @@ TEST_F(Webhook, TriesAgainWithTheSameIdUntilItIsTaken) {
 }
 
 TEST_F(Webhook, GivesUpAfterTheLastTryAndWhenTheReceiverIsGone) {
-  EXPECT_EQ(kWebhookDelays.size(), 7u) << "eight tries";
-  EXPECT_EQ(kWebhookDelays.front(), std::chrono::seconds(5));
-  EXPECT_EQ(kWebhookDelays.back(), std::chrono::hours(6));
+  EXPECT_EQ(webhooks::kWebhookDelays.size(), 7u) << "eight tries";
+  EXPECT_EQ(webhooks::kWebhookDelays.front(), std::chrono::seconds(5));
+  EXPECT_EQ(webhooks::kWebhookDelays.back(), std::chrono::hours(6));
   Receiver failing({Receiver::kFailed});
   Receiver gone({"HTTP/1.1 410 Gone\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"});
-  const Live live(parts(fake_.instant(), WebhookDelays(2, milliseconds(20))), config());
+  const Live live(parts(fake_.instant(), webhooks::WebhookDelays(2, milliseconds(20))), config());
   ASSERT_EQ(post(live.port(), {{"url", failing.url()}}).status, 202);
   ASSERT_EQ(post(live.port(), {{"url", gone.url()}}).status, 202);
   EXPECT_EQ(failing.wait(3).size(), 3u);
@@ -139,7 +141,7 @@ TEST_F(Webhook, HangingAndEndlessReceiversHoldUpNoOther) {
   Receiver endless(
       {"HTTP/1.1 200 OK\r\nContent-Length: 99999999\r\n\r\n" + std::string(300'000, 'x')});
   Receiver good;
-  ServiceParts patient = parts(fake_.instant());
+  server::ServiceParts patient = parts(fake_.instant());
   patient.webhook_limits.total = std::chrono::seconds(60);
   const Live live(std::move(patient), config());
   for (int i = 0; i < 6; ++i) post(live.port(), {{"url", hanging.url()}});
@@ -157,7 +159,7 @@ TEST_F(Webhook, HangingAndEndlessReceiversHoldUpNoOther) {
 
 TEST_F(Webhook, ReachesPublicAddressesOnlyUnlessAllowed) {
   Receiver receiver;
-  ServerConfig strict = config();
+  base::ServerConfig strict = config();
   strict.webhook_networks = "";
   const Live live(parts(fake_.instant()), strict);
   const Answer refused = post(live.port(), {{"url", receiver.url()}});
@@ -250,15 +252,15 @@ TEST_F(Webhook, SurviveAKilledService) {
 }
 
 TEST_F(Webhook, ConfigurationThatIsWrongKeepsTheServiceFromStarting) {
-  ServerConfig wrong = config();
+  base::ServerConfig wrong = config();
   wrong.data = folder_.path() / "data";
   wrong.port = wrong.admin_port = 0;
   wrong.webhook_secrets = folder_.write("wrong", "ci = hunter2\n");
-  const auto started = Service::start(wrong, parts(fake_.instant()));
+  const auto started = server::Service::start(wrong, parts(fake_.instant()));
   ASSERT_FALSE(started);
   EXPECT_EQ(started.error().code, "invalid_config");
   EXPECT_EQ(started.error().message.find("hunter2"), std::string::npos);
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

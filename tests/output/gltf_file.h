@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::test {
+namespace kiln::output {
 
 using Json = nlohmann::ordered_json;
 
@@ -90,7 +90,7 @@ struct GlbReader {
   std::string bin;
 
   explicit GlbReader(const std::filesystem::path& path) {
-    const std::string bytes = read_bytes(path);
+    const std::string bytes = test::read_bytes(path);
     const auto u32 = [&](std::size_t at) {
       std::uint32_t n = 0;
       std::memcpy(&n, bytes.data() + at, 4);
@@ -122,4 +122,4 @@ struct GlbReader {
   }
 };
 
-}  // namespace kiln::test
+}  // namespace kiln::output

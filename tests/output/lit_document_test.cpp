@@ -1,9 +1,9 @@
 #include <png.h>
 
 #include "baker/output/lit_page.h"
-#include "output/lit_scene.h"
+#include "tests/output/lit_scene.h"
 
-namespace kiln::test {
+namespace kiln::output {
 namespace {
 
 std::string base64(const std::string& bytes) {
@@ -47,11 +47,11 @@ GltfFile triangle() {
 }
 
 std::string small_png() {
-  return encode_png(std::vector<std::array<std::uint8_t, 3>>(4, {9, 8, 7}), 2, 2).value();
+  return image::encode_png(std::vector<std::array<std::uint8_t, 3>>(4, {9, 8, 7}), 2, 2).value();
 }
 
 TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const GlbReader lit = light(folder, triangle(), Layout::kWhole);
   EXPECT_EQ(lit.json["extensionsUsed"], Json({"MX_lightmap", "MOZ_lightmap"}));
   EXPECT_FALSE(lit.json.contains("extensionsRequired"));
@@ -68,7 +68,7 @@ TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
 }
 
 TEST(LitDocument, EverythingElseIsKept) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = triangle();
   g.json["asset"]["generator"] = "by hand";
   g.json["asset"]["extras"] = {{"mine", {1, 2.5, "x"}}};
@@ -104,7 +104,7 @@ TEST(LitDocument, EverythingElseIsKept) {
 }
 
 TEST(LitDocument, OneVariantOfAMaterialForEachPage) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = triangle();
   g.node({{"mesh", 0}});
   g.node({{"mesh", 0}});
@@ -124,7 +124,7 @@ TEST(LitDocument, OneVariantOfAMaterialForEachPage) {
 }
 
 TEST(LitDocument, ATextureOnTexcoord1MovesToAFreeSet) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = triangle();
   g.add("images", {{"mimeType", "image/png"}, {"bufferView", 0}});
   const std::string png = small_png();
@@ -155,7 +155,7 @@ TEST(LitDocument, ATextureOnTexcoord1MovesToAFreeSet) {
 }
 
 TEST(LitDocument, VariantsOfAPrimitiveAreLitToo) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = triangle();
   g.add("materials", {{"name", "night"}});
   g.json["extensionsUsed"] = {"KHR_materials_variants"};
@@ -200,7 +200,7 @@ void expect_self_contained(const GlbReader& lit, const GltfFile& g, const std::s
 }
 
 TEST(LitDocument, DataUrisAreEmbedded) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const GltfFile g = triangle();
   const std::string png = small_png();
   std::ofstream(folder.path() / "scene.gltf")
@@ -208,15 +208,15 @@ TEST(LitDocument, DataUrisAreEmbedded) {
            const char* type = name.ends_with("png") ? "image/png" : "application/octet-stream";
            return std::string("data:") + type + ";base64," + base64(bytes);
          });
-  const SceneFiles files{folder.path() / "scene.gltf", {}};
+  const files::SceneFiles files{folder.path() / "scene.gltf", {}};
   expect_self_contained(light(folder, files, Layout::kWhole), g, png);
 }
 
 TEST(LitDocument, SideFilesAreEmbedded) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const GltfFile g = triangle();
   const std::string png = small_png();
-  SceneFiles files{folder.path() / "scene.gltf", {}};
+  files::SceneFiles files{folder.path() / "scene.gltf", {}};
   std::ofstream(files.main) << two_buffers(
       g, "ABCDEF", png, [&](const std::string& name, const std::string& bytes) {
         const auto path = folder.path() / ("part" + std::to_string(files.side.size()));
@@ -228,27 +228,28 @@ TEST(LitDocument, SideFilesAreEmbedded) {
 }
 
 TEST(LitDocument, SameBytesTwice) {
-  const TempFolder a, b;
+  const test::TempFolder a, b;
   const GltfFile g = triangle();
   light(a, g, Layout::kPerTriangle);
   light(b, g, Layout::kPerTriangle);
-  EXPECT_EQ(read_bytes(a.path() / "lit.glb"), read_bytes(b.path() / "lit.glb"));
+  EXPECT_EQ(test::read_bytes(a.path() / "lit.glb"), test::read_bytes(b.path() / "lit.glb"));
 }
 
 TEST(LitPage, WholeCodesAndTheMaximumAreExact) {
-  const PageImage page{2, 1, {{510, 20, 0}, {2, 510, -1}}, {1, 1}};
+  const image::PageImage page{2, 1, {{510, 20, 0}, {2, 510, -1}}, {1, 1}};
   const auto lit = encode_lit_page(page);
   ASSERT_TRUE(lit);
   EXPECT_EQ(lit->scale, 510);
   const std::vector<std::array<std::uint8_t, 3>> codes{{255, 10, 0}, {1, 255, 0}};
-  EXPECT_EQ(lit->png, *encode_png(codes, 2, 1));
-  const PageImage black{1, 1, {{}}, {1}};
+  EXPECT_EQ(lit->png, *image::encode_png(codes, 2, 1));
+  const image::PageImage black{1, 1, {{}}, {1}};
   EXPECT_EQ(encode_lit_page(black)->scale, 1);
 }
 
 TEST(LitPage, BetweenCodesTheMeanIsKept) {
   constexpr std::uint32_t kSide = 16;
-  PageImage page{kSide, kSide, std::vector<Rgb>(kSide * kSide, {0.3f, 1.5f, 0.8f}), {}};
+  image::PageImage page{
+      kSide, kSide, std::vector<math::Rgb>(kSide * kSide, {0.3f, 1.5f, 0.8f}), {}};
   page.rgb[0] = {255, 255, 255};  // code = lx
   page.coverage.assign(page.rgb.size(), 1);
   const auto lit = encode_lit_page(page);
@@ -266,4 +267,4 @@ TEST(LitPage, BetweenCodesTheMeanIsKept) {
 }
 
 }  // namespace
-}  // namespace kiln::test
+}  // namespace kiln::output

@@ -1,9 +1,9 @@
 #include <algorithm>
 
-#include "output/lit_scene.h"
-#include "support/packed_gltf.h"
+#include "tests/output/lit_scene.h"
+#include "tests/support/packed_gltf.h"
 
-namespace kiln::test {
+namespace kiln::output {
 namespace {
 
 // A unit square of two triangles in z = 0, its corners numbered like this: 3 2
@@ -49,7 +49,7 @@ std::vector<float> corner_positions(const GlbReader& lit, const Json& p) {
 const std::vector<float> kTwoTriangles{0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0};
 
 TEST(LitGeometry, WithoutSplitsTheSourceAccessorsStay) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const GltfFile g = square();
   const GlbReader lit = light(folder, g, Layout::kWhole);
   Json p = primitive(lit);
@@ -66,7 +66,7 @@ TEST(LitGeometry, WithoutSplitsTheSourceAccessorsStay) {
 }
 
 TEST(LitGeometry, SplitsRebuildEveryAttributeByType) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
   attributes["_ID"] = g.accessor<std::uint16_t>({7, 0, 8, 0, 9, 0, 10, 0}, 5123, "VEC2", 2);
@@ -96,7 +96,7 @@ TEST(LitGeometry, SplitsRebuildEveryAttributeByType) {
 }
 
 TEST(LitGeometry, UnusedSourceVerticesAndSparseValues) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   // Vertex 2 stands elsewhere by a sparse entry; vertex 1 is used by no triangle.
   auto& position = g.json["accessors"][0];
@@ -120,7 +120,7 @@ TEST(LitGeometry, UnusedSourceVerticesAndSparseValues) {
 }
 
 TEST(LitGeometry, SparseValuesSurviveASplit) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   auto& position = g.json["accessors"][0];
   const int index_view = g.view<std::uint16_t>({2});
@@ -139,7 +139,7 @@ TEST(LitGeometry, SparseValuesSurviveASplit) {
 }
 
 TEST(LitGeometry, UnindexedTrianglesKeepTheirVertices) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g;
   const int position = g.positions(kTwoTriangles);
   g.mesh({{"attributes", {{"POSITION", position}}}});
@@ -154,7 +154,7 @@ TEST(LitGeometry, UnindexedTrianglesKeepTheirVertices) {
 }
 
 TEST(LitGeometry, StripsStayStripsUntilTheySplit) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g;
   const int position = g.positions({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0});
   const int normal = g.floats({0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3", 3);
@@ -175,7 +175,7 @@ TEST(LitGeometry, StripsStayStripsUntilTheySplit) {
 }
 
 TEST(LitGeometry, AMirroredNodeKeepsTheSourceWinding) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   g.json["nodes"][0]["scale"] = {-1, 1, 1};
   const GlbReader lit = light(folder, g, Layout::kPerTriangle);
@@ -187,7 +187,7 @@ TEST(LitGeometry, AMirroredNodeKeepsTheSourceWinding) {
 }
 
 TEST(LitGeometry, MorphTargetsAndSkinsSplitWithTheirVertices) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   auto& p = g.json["meshes"][0]["primitives"][0];
   const int joints =
@@ -221,7 +221,7 @@ TEST(LitGeometry, MorphTargetsAndSkinsSplitWithTheirVertices) {
 }
 
 TEST(LitGeometry, AMeshOfTwoNodesIsClonedAndSharesWhatIsTheSame) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   g.json["meshes"][0]["name"] = "square";
   g.node({{"mesh", 0}, {"translation", {2, 0, 0}}});
@@ -238,7 +238,7 @@ TEST(LitGeometry, AMeshOfTwoNodesIsClonedAndSharesWhatIsTheSame) {
 }
 
 TEST(LitGeometry, ALightmapUvThatFitsIsLeftAlone) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
   attributes["TEXCOORD_1"] = g.floats({0, 0, 1, 0, 1, 1, 0, 1}, "VEC2", 2);
@@ -248,7 +248,7 @@ TEST(LitGeometry, ALightmapUvThatFitsIsLeftAlone) {
 }
 
 TEST(LitGeometry, ALightmapUvWithoutAFirstSetGetsOne) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   auto& attributes = g.json["meshes"][0]["primitives"][0]["attributes"];
   attributes.erase("TEXCOORD_0");
@@ -260,7 +260,7 @@ TEST(LitGeometry, ALightmapUvWithoutAFirstSetGetsOne) {
 }
 
 TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   g.add("materials", {{"name", "shared"}});
   auto& primitives = g.json["meshes"][0]["primitives"];
@@ -275,16 +275,16 @@ TEST(LitGeometry, PointsAndLinesPassThroughWithTheirMaterial) {
 }
 
 TEST(LitGeometry, CompressedBuffersAreReadWhereVerticesSplit) {
-  const TempFolder folder;
-  GltfBuilder plain;
+  const test::TempFolder folder;
+  test::GltfBuilder plain;
   const int position = plain.accessor(kCorners, 3), normal = plain.accessor(kNormals, 3),
             indices = plain.accessor(kIndices, 1);
   plain.node({{"mesh", plain.mesh({{"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
                                    {"indices", indices}})}});
-  const GltfBuilder packed = packed_by_meshopt(
+  const test::GltfBuilder packed = packed_by_meshopt(
       plain, {{.stride = 12}, {.stride = 12}, {.mode = "TRIANGLES", .stride = 2}});
-  const auto corners = [&](const GltfBuilder& b, const char* name) {
-    const SceneFiles files{folder.write(name, b.glb()), {}};
+  const auto corners = [&](const test::GltfBuilder& b, const char* name) {
+    const files::SceneFiles files{folder.write(name, b.glb()), {}};
     const GlbReader lit = light(folder, files, Layout::kPerTriangle);
     EXPECT_EQ(lit.values<float>(primitive(lit)["attributes"]["NORMAL"], 3).at(2), 1);
     return corner_positions(lit, primitive(lit));
@@ -294,7 +294,7 @@ TEST(LitGeometry, CompressedBuffersAreReadWhereVerticesSplit) {
   ASSERT_EQ(turned.size(), kTwoTriangles.size());
   EXPECT_TRUE(std::is_permutation(turned.begin(), turned.end(), kTwoTriangles.begin()));
   // What is not split stays as it came, packed.
-  const SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
+  const files::SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
   const GlbReader whole = light(folder, files, Layout::kWhole);
   EXPECT_EQ(whole.json["extensionsRequired"][0], "EXT_meshopt_compression");
   const Json& view = whole.json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"];
@@ -305,9 +305,10 @@ TEST(LitGeometry, CompressedBuffersAreReadWhereVerticesSplit) {
 
 TEST(LitGeometry, WhatDracoHeldIsPlain) {
   for (const Layout layout : {Layout::kWhole, Layout::kPerTriangle}) {
-    const TempFolder folder;
-    const GltfBuilder packed = packed_by_draco(kCorners, kNormals, {0, 1, 2, 0, 2, 3}, true);
-    const SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
+    const test::TempFolder folder;
+    const test::GltfBuilder packed =
+        test::packed_by_draco(kCorners, kNormals, {0, 1, 2, 0, 2, 3}, true);
+    const files::SceneFiles files{folder.write("packed.glb", packed.glb()), {}};
     const GlbReader lit = light(folder, files, layout);
     EXPECT_FALSE(primitive(lit).contains("extensions"));
     EXPECT_FALSE(lit.json.contains("extensionsRequired"));
@@ -319,7 +320,7 @@ TEST(LitGeometry, WhatDracoHeldIsPlain) {
 }
 
 TEST(LitGeometry, DracoIsDroppedFromLitPrimitives) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   GltfFile g = square();
   g.json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
   g.json["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"] = {
@@ -330,4 +331,4 @@ TEST(LitGeometry, DracoIsDroppedFromLitPrimitives) {
 }
 
 }  // namespace
-}  // namespace kiln::test
+}  // namespace kiln::output

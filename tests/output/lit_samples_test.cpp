@@ -1,10 +1,10 @@
 #include <cstdlib>
 #include <sstream>
 
-#include "baker/scene/generate.h"
-#include "output/lit_scene.h"
+#include "baker/generate/generate.h"
+#include "tests/output/lit_scene.h"
 
-namespace kiln::test {
+namespace kiln::output {
 namespace {
 
 // Lights scenes as different as we have. CTest runs these once more with LIGHTKILN_LIT_SAMPLES
@@ -12,17 +12,17 @@ namespace {
 
 /// `name`.glb in the folder.
 void write_sample(const std::filesystem::path& folder, const std::string& name,
-                  const SceneFiles& files, proto::Unwrap unwrap) {
+                  const files::SceneFiles& files, proto::Unwrap unwrap) {
   SCOPED_TRACE(name);
-  const auto scene = import_scene(files, dark());
+  const auto scene = import::import_scene(files, dark());
   ASSERT_TRUE(scene) << scene.error().message;
   proto::AtlasSettings settings;
   settings.page_size = 1024;
   settings.unwrap = unwrap;
-  const auto atlas = build_atlas(*scene, settings);
+  const auto atlas = atlas::build_atlas(*scene, settings);
   ASSERT_TRUE(atlas) << atlas.error().message;
-  const auto written =
-      write_lit_glb(folder / (name + ".glb"), files, *scene, *atlas, lit_pages(atlas->page_count));
+  const auto written = lit::write_lit_glb(folder / (name + ".glb"), files, *scene, *atlas,
+                                          lit_pages(atlas->page_count));
   EXPECT_TRUE(written) << written.error().message;
 }
 
@@ -33,7 +33,7 @@ std::vector<std::string> split(const std::string& line, char separator) {
   return out;
 }
 
-std::filesystem::path sample_folder(const TempFolder& temporary) {
+std::filesystem::path sample_folder(const test::TempFolder& temporary) {
   const char* kept = std::getenv("LIGHTKILN_LIT_SAMPLES");
   if (!kept) return temporary.path();
   std::filesystem::create_directories(kept);
@@ -41,12 +41,12 @@ std::filesystem::path sample_folder(const TempFolder& temporary) {
 }
 
 TEST(LitSamples, Generated) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const auto out = sample_folder(folder);
-  for (const auto& generator : generators()) {
+  for (const auto& generator : generate::generators()) {
     const std::string name(generator.name);
-    const SceneFiles files{folder.path() / (name + ".glb"), {}};
-    std::ofstream(files.main, std::ios::binary) << generate_glb(name).value();
+    const files::SceneFiles files{folder.path() / (name + ".glb"), {}};
+    std::ofstream(files.main, std::ios::binary) << generate::generate_glb(name).value();
     write_sample(out, name + "_source_uv", files, proto::Unwrap::kAuto);
     write_sample(out, name + "_unwrapped", files, proto::Unwrap::kAlways);
   }
@@ -54,7 +54,7 @@ TEST(LitSamples, Generated) {
 
 /// The real files that the validator finds no error in, up to a size that keeps this short.
 TEST(LitSamples, Corpus) {
-  const TempFolder folder;
+  const test::TempFolder folder;
   const auto out = sample_folder(folder);
   const std::filesystem::path corpus = std::filesystem::path(LIGHTKILN_SHARED_DIR) / "corpus";
   std::ifstream index(corpus / "index.tsv");
@@ -65,7 +65,7 @@ TEST(LitSamples, Corpus) {
     const auto row = split(line, '\t');
     ASSERT_GE(row.size(), 6u);
     if (row[5] != "bake" || row[4] != "-" || std::stoul(row[1]) > 1'000'000) continue;
-    SceneFiles files{corpus / row[0], {}};
+    files::SceneFiles files{corpus / row[0], {}};
     if (row[3] != "-")
       for (const auto& name : split(row[3], ' '))
         files.side[name] = files.main.parent_path() / name;
@@ -77,4 +77,4 @@ TEST(LitSamples, Corpus) {
 }
 
 }  // namespace
-}  // namespace kiln::test
+}  // namespace kiln::output

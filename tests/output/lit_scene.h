@@ -5,11 +5,12 @@
 #include <bit>
 
 #include "baker/atlas/atlas.h"
+#include "baker/import/import.h"
+#include "baker/output/lit/lit_glb.h"
 #include "baker/output/output.h"
-#include "baker/scene/import.h"
-#include "output/gltf_file.h"
+#include "tests/output/gltf_file.h"
 
-namespace kiln::test {
+namespace kiln::output {
 
 using namespace kiln::baker;
 
@@ -23,19 +24,20 @@ enum class Layout {
 };
 
 /// `pages`: instance i lies on page i % pages.
-inline Atlas lay_out(const Scene& scene, Layout layout, std::uint32_t pages = 1) {
-  Atlas atlas;
+inline atlas::Atlas lay_out(const scene::Scene& scene, Layout layout, std::uint32_t pages = 1) {
+  atlas::Atlas atlas;
   atlas.page_size = kPageSize;
   atlas.page_count = pages;
   const bool split = layout == Layout::kPerTriangle;
-  for (const Part& part : scene.parts) {
+  for (const scene::Part& part : scene.parts) {
     atlas.part_first_vertex.push_back(std::uint32_t(atlas.vertices.size()));
     const std::uint32_t base = atlas.part_first_vertex.back();
     for (std::uint32_t v = 0; !split && v < part.vertex_count; ++v) {
       const std::uint32_t s = part.first_vertex + v;
       const float place = float(scene.source_vertex[s]);
-      const Vec2 uv = layout == Layout::kSource ? scene.lightmap_uv[s] * float(kPageSize)
-                                                : Vec2{place + 0.25f, float(part.instance) + 0.5f};
+      const math::Vec2 uv = layout == Layout::kSource
+                                ? scene.lightmap_uv[s] * float(kPageSize)
+                                : math::Vec2{place + 0.25f, float(part.instance) + 0.5f};
       atlas.vertices.push_back({s, uv});
     }
     for (std::uint32_t t = part.first_triangle; t < part.first_triangle + part.triangle_count;
@@ -72,31 +74,31 @@ inline std::vector<LitPage> lit_pages(std::uint32_t pages) {
   std::vector<LitPage> out;
   for (std::uint32_t p = 0; p < pages; ++p) {
     const std::vector<std::array<std::uint8_t, 3>> grey(8, {100, 100, 100});
-    out.push_back({encode_png(grey, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f});
+    out.push_back({image::encode_png(grey, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f});
   }
   return out;
 }
 
 /// The scene of those files, laid out, lit and read back.
-inline GlbReader light(const TempFolder& folder, const SceneFiles& files, Layout layout,
-                       std::uint32_t pages = 1) {
-  const auto scene = import_scene(files, dark());
+inline GlbReader light(const test::TempFolder& folder, const files::SceneFiles& files,
+                       Layout layout, std::uint32_t pages = 1) {
+  const auto scene = import::import_scene(files, dark());
   if (!scene) throw std::runtime_error("import: " + scene.error().message);
   const auto path = folder.path() / "lit.glb";
   const auto written =
-      write_lit_glb(path, files, *scene, lay_out(*scene, layout, pages), lit_pages(pages));
+      lit::write_lit_glb(path, files, *scene, lay_out(*scene, layout, pages), lit_pages(pages));
   if (!written) throw std::runtime_error("lit.glb: " + written.error().message);
   return GlbReader(path);
 }
 
-inline SceneFiles save(const TempFolder& folder, const GltfFile& gltf) {
+inline files::SceneFiles save(const test::TempFolder& folder, const GltfFile& gltf) {
   std::ofstream(folder.path() / "scene.glb", std::ios::binary) << gltf.glb();
   return {folder.path() / "scene.glb", {}};
 }
 
-inline GlbReader light(const TempFolder& folder, const GltfFile& gltf, Layout layout,
+inline GlbReader light(const test::TempFolder& folder, const GltfFile& gltf, Layout layout,
                        std::uint32_t pages = 1) {
   return light(folder, save(folder, gltf), layout, pages);
 }
 
-}  // namespace kiln::test
+}  // namespace kiln::output

@@ -1,18 +1,18 @@
-#include "baker/post/post.h"
+#include "baker/output/post.h"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 #include <string>
 
-namespace kiln::baker {
+namespace kiln::output {
 namespace {
 
 /// A group whose only page is drawn with characters: '.' is empty, a letter is a texel of that
 /// chart.
 TextureGroup draw(const std::vector<std::string>& rows) {
-  TextureGroup group;
-  TextureGroup::Page page;
+  atlas::TextureGroup group;
+  atlas::TextureGroup::Page page;
   page.width = std::uint32_t(rows[0].size());
   page.height = std::uint32_t(rows.size());
   for (std::uint32_t y = 0; y < page.height; ++y)
@@ -31,15 +31,15 @@ TextureGroup draw(const std::vector<std::string>& rows) {
 }
 
 /// One value per texel.
-TexelValue at(std::vector<Rgb> values) {
+TexelValue at(std::vector<math::Rgb> values) {
   return [values = std::move(values)](std::uint32_t t) { return values[t]; };
 }
 
 /// The page after dilation as characters, each chart lit with its own value.
-std::vector<std::string> dilated(const TextureGroup& group, std::uint32_t rings) {
-  std::vector<Rgb> values;
+std::vector<std::string> dilated(const atlas::TextureGroup& group, std::uint32_t rings) {
+  std::vector<math::Rgb> values;
   for (const std::uint32_t chart : group.chart) values.push_back({float(chart + 1), 0, 0});
-  const PageImage image = compose_page(group, 0, at(values), rings);
+  const image::PageImage image = compose_page(group, 0, at(values), rings);
   std::vector<std::string> rows(image.height);
   for (std::size_t i = 0; i < image.rgb.size(); ++i)
     rows[i / image.width] += image.rgb[i].r == 0 ? '.' : char('a' - 1 + int(image.rgb[i].r));
@@ -47,28 +47,28 @@ std::vector<std::string> dilated(const TextureGroup& group, std::uint32_t rings)
 }
 
 TEST(ComposePage, GutterOfFourIsSharedInTheMiddle) {
-  const TextureGroup group = draw({"..aa....bb..", "..aa....bb.."});
+  const atlas::TextureGroup group = draw({"..aa....bb..", "..aa....bb.."});
   EXPECT_EQ(dilated(group, 1), (std::vector<std::string>{".aaaa..bbbb.", ".aaaa..bbbb."}));
   EXPECT_EQ(dilated(group, 4), (std::vector<std::string>{"aaaaaabbbbbb", "aaaaaabbbbbb"}));
 }
 
 TEST(ComposePage, TiesGoToTheFirstInRowOrderAndZeroFillsThePage) {
-  const TextureGroup group = draw({"a..b", "....", "...."});
+  const atlas::TextureGroup group = draw({"a..b", "....", "...."});
   EXPECT_EQ(dilated(group, 0), (std::vector<std::string>{"aabb", "aabb", "aabb"}));
-  const TextureGroup odd = draw({"a.b", "...", "c.."});
+  const atlas::TextureGroup odd = draw({"a.b", "...", "c.."});
   EXPECT_EQ(dilated(odd, 0), (std::vector<std::string>{"aab", "aab", "ccb"}));
 }
 
 TEST(ComposePage, RingsCountInTexelsAndNothingIsLitOnAnEmptyPage) {
-  const TextureGroup group = draw({"a......"});
+  const atlas::TextureGroup group = draw({"a......"});
   EXPECT_EQ(dilated(group, 3), (std::vector<std::string>{"aaaa..."}));
-  const PageImage empty = compose_page(draw({"...", "..."}), 0, at({}), 0);
-  for (const Rgb v : empty.rgb) EXPECT_TRUE(is_black(v));
+  const image::PageImage empty = compose_page(draw({"...", "..."}), 0, at({}), 0);
+  for (const math::Rgb v : empty.rgb) EXPECT_TRUE(is_black(v));
 }
 
 TEST(ComposePage, BilinearReadsNeverMeetTheOtherChartFromTwoEmptyTexelsOn) {
   // Charts of awkward shapes, two empty texels apart at the closest.
-  const TextureGroup group =
+  const atlas::TextureGroup group =
       draw({"aaaaaaaa", "aa......", "aa......", "a....bbb", "....b...", "...bbb.b"});
   const auto rows = dilated(group, 0);
   const auto& page = group.pages[0];
@@ -83,17 +83,17 @@ TEST(ComposePage, BilinearReadsNeverMeetTheOtherChartFromTwoEmptyTexelsOn) {
 }
 
 TEST(ComposePage, LitTexelsKeepTheirValueAndPaddingHasNoCoverage) {
-  const TextureGroup group = draw({"ab."});
-  const std::vector<Rgb> values{{1, 2, 3}, {4, 5, 6}};
-  const PageImage image = compose_page(group, 0, at(values), 4);
+  const atlas::TextureGroup group = draw({"ab."});
+  const std::vector<math::Rgb> values{{1, 2, 3}, {4, 5, 6}};
+  const image::PageImage image = compose_page(group, 0, at(values), 4);
   EXPECT_EQ(image.rgb[0], values[0]);
   EXPECT_EQ(image.rgb[1], values[1]);
   EXPECT_EQ(image.rgb[2], values[1]);
   EXPECT_EQ(image.coverage, (std::vector<float>{0.5f, 0.5f, 0}));
 }
 
-PageImage row_of(const std::vector<float>& grey, float coverage = 1) {
-  PageImage image{std::uint32_t(grey.size()), 1, {}, {}};
+image::PageImage row_of(const std::vector<float>& grey, float coverage = 1) {
+  image::PageImage image{std::uint32_t(grey.size()), 1, {}, {}};
   for (const float g : grey) image.rgb.push_back({g, g, g});
   image.coverage.assign(grey.size(), coverage);
   return image;
@@ -102,7 +102,7 @@ PageImage row_of(const std::vector<float>& grey, float coverage = 1) {
 TEST(ToneMap, ExposureBringsThe95thPercentileTo08) {
   std::vector<float> ramp;
   for (int i = 1; i <= 100; ++i) ramp.push_back(float(i) * 10);
-  PageImage image = row_of(ramp);
+  image::PageImage image = row_of(ramp);
   EXPECT_FLOAT_EQ(automatic_exposure(image), 0.8f / 950);
   image.rgb.push_back({1e6f, 1e6f, 1e6f});  // padding does not count
   image.coverage.push_back(0);
@@ -138,8 +138,8 @@ TEST(ToneMap, NothingBreaksTheByteRange) {
 }
 
 TEST(Compare, KnownFigures) {
-  PageImage reference{2, 1, {{1, 2, 3}, {2, 2, 2}}, {1, 1}};
-  PageImage candidate{2, 1, {{2, 2, 3}, {2, 0, 2}}, {1, 1}};
+  image::PageImage reference{2, 1, {{1, 2, 3}, {2, 2, 2}}, {1, 1}};
+  image::PageImage candidate{2, 1, {{2, 2, 3}, {2, 0, 2}}, {1, 1}};
   const CompareResult r = compare(reference, candidate);
   EXPECT_EQ(r.texels, 2u);
   EXPECT_DOUBLE_EQ(r.mean_reference, 2);
@@ -153,8 +153,8 @@ TEST(Compare, KnownFigures) {
 }
 
 TEST(Compare, OnlyTexelsLitInBoth) {
-  PageImage reference{3, 1, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 0}};
-  PageImage candidate{3, 1, {{1, 1, 1}, {9, 9, 9}, {9, 9, 9}}, {1, 0, 1}};
+  image::PageImage reference{3, 1, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 0}};
+  image::PageImage candidate{3, 1, {{1, 1, 1}, {9, 9, 9}, {9, 9, 9}}, {1, 0, 1}};
   const CompareResult r = compare(reference, candidate);
   EXPECT_EQ(r.texels, 1u);
   EXPECT_EQ(r.uncovered, 1u);
@@ -162,8 +162,8 @@ TEST(Compare, OnlyTexelsLitInBoth) {
 }
 
 TEST(Compare, CountsWhatIsNotFinite) {
-  PageImage reference = row_of({1, 1});
-  PageImage candidate = row_of({1, std::nanf("")});
+  image::PageImage reference = row_of({1, 1});
+  image::PageImage candidate = row_of({1, std::nanf("")});
   const CompareResult r = compare(reference, candidate);
   EXPECT_EQ(r.nonfinite, 1u);
   EXPECT_DOUBLE_EQ(r.rmse, std::sqrt(0.5));
@@ -171,4 +171,4 @@ TEST(Compare, CountsWhatIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::output

@@ -1,35 +1,35 @@
 #include <cmath>
 #include <limits>
 
-#include "baker/scene/generate.h"
+#include "baker/generate/generate.h"
 #include "baker/upload_reader.h"
-#include "output/lit_scene.h"
 #include "proto/files.h"
 #include "proto/json.h"
+#include "tests/output/lit_scene.h"
 
-namespace kiln::test {
+namespace kiln::output {
 namespace {
 
 /// A Cornell box laid out and lit by hand: E = 100 + x of the texel's position, in lx.
 struct Baked {
-  TempFolder folder;
-  SceneFiles files;
-  Scene scene;
-  Atlas atlas;
-  TextureGroup texels;
-  Lightmap light;
+  test::TempFolder folder;
+  files::SceneFiles files;
+  scene::Scene scene;
+  atlas::Atlas atlas;
+  atlas::TextureGroup texels;
+  lightmap::Lightmap light;
   proto::BakeSettings settings;
   proto::Manifest manifest;
-  ThreadPool pool{2};
+  exec::ThreadPool pool{2};
 
   Baked() {
     files.main = folder.path() / "cornell.glb";
-    std::ofstream(files.main, std::ios::binary) << generate_glb("cornell").value();
+    std::ofstream(files.main, std::ios::binary) << generate::generate_glb("cornell").value();
     settings.atlas.page_size = 64;
-    scene = import_scene(files, settings).value();
-    atlas = build_atlas(scene, settings.atlas).value();
+    scene = import::import_scene(files, settings).value();
+    atlas = atlas::build_atlas(scene, settings.atlas).value();
     texels = rasterise(scene, atlas).value();
-    light = Lightmap(texels.size());
+    light = lightmap::Lightmap(texels.size());
     for (std::uint32_t i = 0; i < texels.size(); ++i) {
       light.direct[i] = {100 + texels.position[i].x, 10, 1};
       light.indirect[i] = {0, 0, 5};
@@ -43,15 +43,15 @@ struct Baked {
     return folder.path() / "out";
   }
   proto::Expected<void> write(std::stop_token stop = {}) {
-    const FilteredLight filtered{light.direct, light.sky, light.indirect,
-                                 std::vector<float>(light.size(), 9.f),
-                                 std::vector<float>(light.size(), 16.f)};
-    InProcessReader source(files);
+    const denoise::FilteredLight filtered{light.direct, light.sky, light.indirect,
+                                          std::vector<float>(light.size(), 9.f),
+                                          std::vector<float>(light.size(), 16.f)};
+    baker::InProcessReader source(files);
     const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
       return source.write_lit(path, scene, atlas, pages, std::move(until));
     };
-    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered}, settings, manifest,
-                         pool, stop);
+    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered}, settings,
+                         manifest, pool, stop);
   }
 };
 
@@ -72,7 +72,7 @@ TEST(WriteOutputs, EveryFileIsThereAndHashed) {
   const std::filesystem::directory_iterator left(baked.out());
   EXPECT_EQ(std::distance(begin(left), end(left)), 4);  // no temporaries
 
-  const auto json = proto::parse_json(read_bytes(baked.out() / "manifest.json"), "request");
+  const auto json = proto::parse_json(test::read_bytes(baked.out() / "manifest.json"), "request");
   ASSERT_TRUE(json) << json.error().message;
   const auto manifest = proto::manifest_from_json(*json);
   ASSERT_TRUE(manifest) << manifest.error().message;
@@ -87,7 +87,7 @@ TEST(WriteOutputs, TheExrHoldsTheSumOfLightAtEachTexel) {
   Baked baked;
   baked.settings.output.precision = proto::Precision::kFloat;
   ASSERT_TRUE(baked.write());
-  const auto image = read_exr(baked.out() / "page_00.exr");
+  const auto image = image::read_exr(baked.out() / "page_00.exr");
   ASSERT_TRUE(image);
   std::uint32_t lit = 0;
   for (std::size_t i = 0; i < image->rgb.size(); ++i) {
@@ -98,7 +98,7 @@ TEST(WriteOutputs, TheExrHoldsTheSumOfLightAtEachTexel) {
     EXPECT_EQ(image->rgb[i], baked.light.irradiance(std::uint32_t(texel)));
   }
   EXPECT_EQ(lit, baked.texels.front_count);
-  const std::string bytes = read_bytes(baked.out() / "page_00.exr");
+  const std::string bytes = test::read_bytes(baked.out() / "page_00.exr");
   for (const char* said : {"lightkiln:units", "lux", "lightkiln:seed", "gather", "1.2.3"})
     EXPECT_NE(bytes.find(said), std::string::npos) << said;
 }
@@ -108,10 +108,10 @@ TEST(WriteOutputs, SameBytesTwice) {
   ASSERT_TRUE(a.write());
   ASSERT_TRUE(b.write());
   for (const char* name : {"page_00.exr", "page_00.png", "lit.glb"})
-    EXPECT_EQ(read_bytes(a.out() / name), read_bytes(b.out() / name)) << name;
+    EXPECT_EQ(test::read_bytes(a.out() / name), test::read_bytes(b.out() / name)) << name;
   // All but what was measured.
   const auto manifest = [](const Baked& baked) {
-    auto doc = nlohmann::json::parse(read_bytes(baked.out() / "manifest.json"));
+    auto doc = nlohmann::json::parse(test::read_bytes(baked.out() / "manifest.json"));
     EXPECT_EQ(doc["statistics"].erase("peak_memory_bytes"), 1u);
     return doc;
   };
@@ -125,7 +125,7 @@ TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
   ASSERT_TRUE(baked.write());
   ASSERT_EQ(baked.manifest.files.size(), 2u);
   EXPECT_EQ(baked.manifest.pages[0].preview, "");
-  EXPECT_NE(read_bytes(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
+  EXPECT_NE(test::read_bytes(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
 }
 
 TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
@@ -134,10 +134,10 @@ TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
   const float automatic = baked.manifest.pages[0].preview_exposure;
   EXPECT_GT(automatic, 0);
   baked.settings.output.exposure = automatic * 2;
-  const std::string before = read_bytes(baked.out() / "page_00.png");
+  const std::string before = test::read_bytes(baked.out() / "page_00.png");
   ASSERT_TRUE(baked.write());
   EXPECT_EQ(baked.manifest.pages[0].preview_exposure, automatic * 2);
-  EXPECT_NE(read_bytes(baked.out() / "page_00.png"), before);
+  EXPECT_NE(test::read_bytes(baked.out() / "page_00.png"), before);
 }
 
 TEST(WriteOutputs, APageBeyondHalfIsWrittenAsFloatWithAWarning) {
@@ -147,10 +147,10 @@ TEST(WriteOutputs, APageBeyondHalfIsWrittenAsFloatWithAWarning) {
   ASSERT_EQ(baked.manifest.warnings.size(), 1u);
   EXPECT_EQ(baked.manifest.warnings[0].code, "half_overflow");
   EXPECT_EQ(baked.manifest.pages[0].max_lx, 123456);
-  const auto image = read_exr(baked.out() / "page_00.exr");
+  const auto image = image::read_exr(baked.out() / "page_00.exr");
   ASSERT_TRUE(image);
   float max = 0;
-  for (const Rgb v : image->rgb) max = std::max(max, v.r);
+  for (const math::Rgb v : image->rgb) max = std::max(max, v.r);
   EXPECT_EQ(max, 123456);  // half precision would have made it infinite
 }
 
@@ -178,4 +178,4 @@ TEST(WriteOutputs, StopsWhenTold) {
 }
 
 }  // namespace
-}  // namespace kiln::test
+}  // namespace kiln::output

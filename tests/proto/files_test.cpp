@@ -5,7 +5,7 @@
 
 #include <fstream>
 
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
 namespace kiln::proto {
 namespace {

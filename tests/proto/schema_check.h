@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace kiln::proto::test {
+namespace kiln::proto {
 
 /// An independent, small validator for the parts of JSON Schema 2020-12 that our schemas are made
 /// of, with their references resolved. Throws on a keyword it does not know, so that nothing is
@@ -102,4 +102,4 @@ inline bool accepts(const nlohmann::json& schema, const nlohmann::json& v) {
   return true;
 }
 
-}  // namespace kiln::proto::test
+}  // namespace kiln::proto

@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "proto/schema_check.h"
 #include "proto/settings_schema.h"
+#include "tests/proto/schema_check.h"
 
 namespace kiln::proto {
 namespace {
@@ -88,7 +88,7 @@ TEST(SettingsSchema, AgreesWithTheParserOnEveryRow) {
       // The one rule that a schema can't express: a gutter leaves room on the page.
       if (row.spec.path == "atlas.gutter") doc["atlas"]["page_size"] = 16384;
       const bool parsed = settings_from_json(doc).has_value();
-      EXPECT_EQ(test::accepts(schema, doc), parsed) << doc.dump();
+      EXPECT_EQ(accepts(schema, doc), parsed) << doc.dump();
       (parsed ? accepted : refused) += 1;
     }
   }
@@ -106,7 +106,7 @@ TEST(SettingsSchema, AgreesWithTheParserOnEveryLightKey) {
         if (row.spec.path == "inner_cone_angle") light["outer_cone_angle"] = 1.5707964;
         light[std::string(row.spec.path)] = value;
         const json doc{{"lights", {light}}};
-        EXPECT_EQ(test::accepts(schema, doc), settings_from_json(doc).has_value()) << doc.dump();
+        EXPECT_EQ(accepts(schema, doc), settings_from_json(doc).has_value()) << doc.dump();
       }
     }
   }
@@ -114,7 +114,7 @@ TEST(SettingsSchema, AgreesWithTheParserOnEveryLightKey) {
 
 TEST(SettingsSchema, ItsDefaultsAreTheSettingsOfAnEmptyDocument) {
   const json schema = settings_schema(), defaults = to_json(BakeSettings{});
-  EXPECT_TRUE(test::accepts(schema, defaults));
+  EXPECT_TRUE(accepts(schema, defaults));
   EXPECT_EQ(schema["properties"]["lights"]["default"], defaults["lights"]);
   for (const auto& row : setting_rows()) {
     const auto dot = row.spec.path.find('.');
@@ -135,7 +135,7 @@ TEST(SettingsSchema, UnknownKeysAreRefusedByBoth) {
        {R"({"x": 1})", R"({"solver": {"x": 1}})", R"({"lights": [{"type": "point", "x": 1}]})",
         R"({"lights": [{}]})", R"({"lights": {}})", R"({"solver": []})", "[]"}) {
     const json doc = json::parse(text);
-    EXPECT_FALSE(test::accepts(schema, doc)) << text;
+    EXPECT_FALSE(accepts(schema, doc)) << text;
     EXPECT_FALSE(settings_from_json(doc)) << text;
   }
 }

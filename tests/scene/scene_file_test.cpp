@@ -8,17 +8,17 @@
 #include <cstring>
 #include <functional>
 
-#include "baker/scene/generate.h"
-#include "baker/scene/utf8.h"
-#include "scene/import_helpers.h"
-#include "support/temp_files.h"
+#include "baker/files/utf8.h"
+#include "baker/generate/generate.h"
+#include "tests/import/import_helpers.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::baker {
+namespace kiln::scene {
 namespace {
 
 using test::TempFolder;
 
-const std::string kKey = import_key("a scene", {});
+const std::string kKey = import::import_key("a scene", {});
 
 std::string bytes_of(const Scene& scene, const std::string& key = kKey) {
   const int fd = ::memfd_create("scene", MFD_CLOEXEC);
@@ -31,7 +31,8 @@ std::string bytes_of(const Scene& scene, const std::string& key = kKey) {
 
 Scene generated(const std::string& name) {
   const TempFolder folder;
-  return import_files({folder.write("a.glb", generate_glb(name).value()), {}}).value();
+  return import::import_files({folder.write("a.glb", generate::generate_glb(name).value()), {}})
+      .value();
 }
 
 /// A small scene with something in every array.
@@ -42,7 +43,7 @@ Scene rich_scene() {
   spot.intensity = {1, 2, 3};
   spot.cos_inner = 0.9f;
   scene.lights.push_back(spot);
-  scene.sky_map = {4, 2, std::vector<Rgb>(8, {1, 2, 3})};
+  scene.sky_map = {4, 2, std::vector<math::Rgb>(8, {1, 2, 3})};
   scene.warnings.push_back({"some_code", "/nodes/1", "grüße"});
   return scene;
 }
@@ -201,13 +202,14 @@ TEST(SceneFile, WhatNoImportMakesIsRefused) {
 
 TEST(SceneFile, IsOfOneSceneAndItsLimits) {
   const std::string bytes = bytes_of(generated("cornell"));
-  ImportLimits few;
+  files::ImportLimits few;
   few.triangles = 10;
-  EXPECT_EQ(code_of(bytes, import_key("another scene", {})), "bad_document");
-  EXPECT_EQ(code_of(bytes, import_key("a scene", few)), "bad_document");
-  EXPECT_EQ(code_of(bytes, import_key("a scene", {})), "");
-  EXPECT_EQ(code_of(bytes, import_key("a scene", {}, "sky.exr")), "bad_document");
-  EXPECT_NE(import_key("a scene", {}, "sky.exr"), import_key("a scene", {}, "night.exr"));
+  EXPECT_EQ(code_of(bytes, import::import_key("another scene", {})), "bad_document");
+  EXPECT_EQ(code_of(bytes, import::import_key("a scene", few)), "bad_document");
+  EXPECT_EQ(code_of(bytes, import::import_key("a scene", {})), "");
+  EXPECT_EQ(code_of(bytes, import::import_key("a scene", {}, "sky.exr")), "bad_document");
+  EXPECT_NE(import::import_key("a scene", {}, "sky.exr"),
+            import::import_key("a scene", {}, "night.exr"));
 }
 
 TEST(SceneFile, AStopRequestEndsTheReading) {
@@ -221,12 +223,12 @@ TEST(SceneFile, AStopRequestEndsTheReading) {
 TEST(Utf8, OneWayToWriteEachCharacter) {
   for (const char* good : {"", "plain", "gr\xc3\xbc\xc3\x9f", "\xe2\x82\xac", "\xf0\x9f\x98\x80",
                            "\xf4\x8f\xbf\xbf", "\xed\x9f\xbf", "\xee\x80\x80"})
-    EXPECT_TRUE(is_utf8(good)) << good;
+    EXPECT_TRUE(gltf::is_utf8(good)) << good;
   for (const char* bad :
        {"\x80", "\xc3", "\xc0\x80", "\xc1\xbf", "\xe0\x80\x80", "\xe2\x82", "\xed\xa0\x80",
         "\xf0\x80\x80\x80", "\xf4\x90\x80\x80", "\xf5\x80\x80\x80", "\xff", "\xc3(", "\xe2(\xa1"})
-    EXPECT_FALSE(is_utf8(bad)) << bad;
+    EXPECT_FALSE(gltf::is_utf8(bad)) << bad;
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::scene

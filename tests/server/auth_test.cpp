@@ -3,9 +3,9 @@
 #include <fstream>
 
 #include "server/auth/gate.h"
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::auth {
 namespace {
 
 class Tokens : public ::testing::Test {
@@ -69,8 +69,8 @@ TEST_F(Tokens, NeedAPlainTenantAndScopes) {
   EXPECT_FALSE(store_.required());
 }
 
-RequestHead head(const std::string& method, const std::string& headers) {
-  return parse_head(method + " /v1/jobs HTTP/1.1\r\nHost: bake:8080\r\n" + headers + "\r\n")
+http::RequestHead head(const std::string& method, const std::string& headers) {
+  return http::parse_head(method + " /v1/jobs HTTP/1.1\r\nHost: bake:8080\r\n" + headers + "\r\n")
       .value();
 }
 
@@ -104,4 +104,4 @@ TEST(Loopback, IsKnownByNameAndNumber) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::auth

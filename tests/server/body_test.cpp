@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 struct Outcome {
@@ -62,4 +62,4 @@ TEST(Body, RefusesMalformedChunks) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

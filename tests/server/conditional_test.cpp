@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 constexpr const char* kTag = "\"abc\"";
@@ -60,4 +60,4 @@ TEST(Range, FollowsConditions) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -3,10 +3,10 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 
-#include "server/http/zip.h"
-#include "support/temp_files.h"
+#include "server/api/zip.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 std::shared_ptr<const proto::Fd> open_file(const std::filesystem::path& path) {
@@ -44,7 +44,7 @@ TEST(Content, IsReadAndCutAcrossItsParts) {
 
 TEST(Zip, IsWhatOtherProgramsRead) {
   const test::TempFolder folder;
-  std::vector<ZipEntry> entries;
+  std::vector<api::ZipEntry> entries;
   for (const std::string& text : {std::string("first"), std::string(), std::string(100'000, 'x')}) {
     const std::string name = "f" + std::to_string(text.size()) + ".bin";
     entries.push_back({name, open_file(folder.write(name, text)), text.size()});
@@ -88,4 +88,4 @@ TEST(Zip, KnowsFilesBeyondFourGigabytes) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -1,11 +1,11 @@
-#include "server/jobs/cpu_meter.h"
+#include "server/base/cpu_meter.h"
 
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <optional>
 
-namespace kiln::server {
+namespace kiln::base {
 namespace {
 
 TEST(CpuMeter, SharesTheTimeAmongThoseWhoRun) {
@@ -35,4 +35,4 @@ TEST(CpuMeter, ReadsTheClockOfTheProcess) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::base

@@ -1,9 +1,9 @@
 #include <fstream>
 
-#include "job_service_fixture.h"
 #include "server/jobs/janitor.h"
+#include "tests/server/job_service_fixture.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 class Edit : public JobServiceTest {
@@ -21,7 +21,7 @@ class Edit : public JobServiceTest {
     return std::distance(directory_iterator(process_->data.scenes()), directory_iterator());
   }
   void sweep(Retention retention) {
-    UploadStore uploads(process_->data, 24h);
+    data::UploadStore uploads(process_->data, 24h);
     Janitor(process_->data, process_->store, process_->scenes, uploads, jobs(), retention, 1h)
         .sweep();
   }
@@ -171,4 +171,4 @@ TEST_F(Edit, TheDiskBudgetTakesTheOldestJobs) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

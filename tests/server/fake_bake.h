@@ -8,7 +8,7 @@
 #include "proto/files.h"
 #include "server/jobs/job_service.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 /// Stand-ins for baker::bake that need no scene and hold still until told.
 class FakeBake {
@@ -19,7 +19,7 @@ class FakeBake {
 
   /// Writes page_00.exr (which is none) and manifest.json after `passes` passes.
   BakeFunction instant(int passes = 3) {
-    return [this, passes](const JobInput& input, baker::ThreadPool&, std::stop_token,
+    return [this, passes](const JobInput& input, exec::ThreadPool&, std::stop_token,
                           baker::BakeObserver& observer) {
       ++started;
       return finish(input, observer, passes);
@@ -27,7 +27,7 @@ class FakeBake {
   }
   /// Holds in the stage `solve` until go, enough or stop, reporting progress all the time.
   BakeFunction holding() {
-    return [this](const JobInput& input, baker::ThreadPool&, std::stop_token stop,
+    return [this](const JobInput& input, exec::ThreadPool&, std::stop_token stop,
                   baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
       ++started;
       observer.on_stage("import");
@@ -45,7 +45,7 @@ class FakeBake {
   /// As holding(), for a bake that says it needs as many bytes as its seed.
   BakeFunction sized() {
     return [this, hold = holding()](
-               const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
+               const JobInput& input, exec::ThreadPool& pool, std::stop_token stop,
                baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
       ++imported;
       if (auto ok = input.reserve_memory(input.settings.solver.seed, stop); !ok)
@@ -54,7 +54,7 @@ class FakeBake {
     };
   }
   static BakeFunction throwing(const std::function<void()>& raise) {
-    return [raise](const JobInput&, baker::ThreadPool&, std::stop_token,
+    return [raise](const JobInput&, exec::ThreadPool&, std::stop_token,
                    baker::BakeObserver&) -> proto::Expected<proto::Manifest> {
       raise();
       return proto::fail("internal", "not reached");
@@ -83,4 +83,4 @@ class FakeBake {
   }
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 std::string get(const std::string& target, const std::string& headers = "Host: x\r\n") {
@@ -78,4 +78,4 @@ TEST(Head, KnowsWhenTheClientWantsToClose) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

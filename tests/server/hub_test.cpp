@@ -6,7 +6,7 @@
 
 #include <array>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using std::chrono::milliseconds;
@@ -53,7 +53,7 @@ proto::Event event(std::uint64_t id, std::size_t size = 10) {
 
 TEST(Hub, ASilentStreamHearsTheHeartbeat) {
   Hub hub(milliseconds(30));
-  const auto ring = std::make_shared<EventRing>();
+  const auto ring = std::make_shared<base::EventRing>();
   Listener listener;
   hub.adopt({std::move(listener.near), ring, 0, "retry: 1\n\n"});
   const std::string text = listener.read_until("\n:");
@@ -63,7 +63,7 @@ TEST(Hub, ASilentStreamHearsTheHeartbeat) {
 
 TEST(Hub, AClientThatTakesNothingIsDroppedAtTheDeadline) {
   Hub hub(milliseconds(30), milliseconds(300));
-  const auto ring = std::make_shared<EventRing>();
+  const auto ring = std::make_shared<base::EventRing>();
   Listener stuck(4096), well;
   const auto began = Clock::now();
   hub.adopt({std::move(stuck.near), ring, 0, ""});
@@ -79,13 +79,13 @@ TEST(Hub, AClientThatTakesNothingIsDroppedAtTheDeadline) {
 
 TEST(Hub, AClientThatTheRingHasLeftBehindIsDropped) {
   Hub hub;
-  const auto ring = std::make_shared<EventRing>();
+  const auto ring = std::make_shared<base::EventRing>();
   Listener slow(4096);
   hub.adopt({std::move(slow.near), ring, 0, ""});
   for (std::uint64_t id = 1; id <= 8; ++id) ring->push(event(id, 50'000));
   hub.notify(ring.get());
   EXPECT_TRUE(slow.read_until("id: 1\n").find("id: 1\n") != std::string::npos);
-  for (std::uint64_t id = 9; id <= 9 + EventRing::kCapacity; ++id) ring->push(event(id));
+  for (std::uint64_t id = 9; id <= 9 + base::EventRing::kCapacity; ++id) ring->push(event(id));
   // It reads on, gets what was ready for it, and then the end: never a hole.
   const std::string rest = slow.read_until("no such text");
   EXPECT_EQ(rest.find("id: 1000\n"), std::string::npos);
@@ -97,7 +97,7 @@ TEST(Hub, AClientThatTheRingHasLeftBehindIsDropped) {
 
 TEST(Hub, AnAnnouncementReachesStreamsBeforeAndAfter) {
   Hub hub;
-  const auto ring = std::make_shared<EventRing>();
+  const auto ring = std::make_shared<base::EventRing>();
   Listener before, after;
   hub.adopt({std::move(before.near), ring, 0, ""});
   hub.announce_draining();
@@ -109,4 +109,4 @@ TEST(Hub, AnAnnouncementReachesStreamsBeforeAndAfter) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

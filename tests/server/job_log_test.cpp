@@ -4,10 +4,10 @@
 
 #include <algorithm>
 
-#include "job_service_fixture.h"
-#include "support/temp_files.h"
+#include "tests/server/job_service_fixture.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 std::size_t lines_in(const std::string& text) {
@@ -41,7 +41,7 @@ TEST_F(JobServiceTest, KeepsALogOverAttempts) {
   int runs = 0;
   const BakeFunction fails_once =
       [&, good = fake_.instant(2)](
-          const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
+          const JobInput& input, exec::ThreadPool& pool, std::stop_token stop,
           baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
     if (++runs == 1) return proto::fail("no_light", "Dark.");
     return good(input, pool, stop, observer);
@@ -58,4 +58,4 @@ TEST_F(JobServiceTest, KeepsALogOverAttempts) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

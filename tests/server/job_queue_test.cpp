@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 std::vector<std::int64_t> take_all(JobQueue& queue, std::size_t max_running = 0) {
@@ -91,4 +91,4 @@ TEST(JobQueue, ForgetsWhatIsErased) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

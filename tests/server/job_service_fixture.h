@@ -5,11 +5,11 @@
 #include <future>
 #include <optional>
 
-#include "fake_bake.h"
 #include "server/jobs/job_service.h"
+#include "tests/server/fake_bake.h"
 #include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 
 using namespace std::chrono_literals;
 using proto::JobState;
@@ -18,13 +18,13 @@ using proto::JobState;
 class JobServiceTest : public ::testing::Test {
  protected:
   struct Process {
-    DataFolder data;
-    JobStore store;
-    SceneStore scenes;
-    baker::ThreadPool pool{1};
+    data::DataFolder data;
+    store::JobStore store;
+    data::SceneStore scenes;
+    exec::ThreadPool pool{1};
     JobService jobs;
     Process(const std::filesystem::path& path, const BakeFunction& bake, JobLimits limits)
-        : data(DataFolder::open(path).value()),
+        : data(data::DataFolder::open(path).value()),
           store(data.database()),
           scenes(data),
           jobs(data, store, scenes, pool, bake, limits) {}
@@ -36,12 +36,12 @@ class JobServiceTest : public ::testing::Test {
   }
   JobService& jobs() { return process_->jobs; }
 
-  StoredScene scene() {
-    auto upload = SceneUpload::create(process_->data);
+  data::StoredScene scene() {
+    auto upload = data::SceneUpload::create(process_->data);
     auto file = proto::HashingFile::create(upload->next_path());
     EXPECT_TRUE(file->write("glTF"));
     const std::string hash = file->finish().value();
-    upload->main = UploadedFile{"", file->path(), 4, hash};
+    upload->main = data::UploadedFile{"", file->path(), 4, hash};
     return process_->scenes.put(std::move(*upload))->scene;
   }
   /// A job that is baked, whatever was baked before.
@@ -80,4 +80,4 @@ class JobServiceTest : public ::testing::Test {
   std::optional<Process> process_;
 };
 
-}  // namespace kiln::server
+}  // namespace kiln::jobs

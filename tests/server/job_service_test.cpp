@@ -1,9 +1,9 @@
 #include <new>
 #include <stdexcept>
 
-#include "job_service_fixture.h"
+#include "tests/server/job_service_fixture.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 TEST_F(JobServiceTest, RunsAJobToItsEnd) {
@@ -133,4 +133,4 @@ TEST_F(JobServiceTest, ADrainPutsRunningJobsBackIntoTheQueue) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -1,13 +1,13 @@
-#include "server/jobs/job_store.h"
+#include "server/store/job_store.h"
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
-#include "server/jobs/event_ring.h"
-#include "server/jobs/ids.h"
-#include "support/temp_files.h"
+#include "server/base/event_ring.h"
+#include "server/base/ids.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::store {
 namespace {
 
 using proto::JobState;
@@ -15,11 +15,11 @@ using proto::JobState;
 StoredJob new_job() {
   StoredJob stored;
   proto::Job& job = stored.job;
-  job.id = new_id("job_");
+  job.id = base::new_id("job_");
   job.scene_sha256 = std::string(64, 'a');
   job.scene_bytes = 7;
   job.settings.solver.samples = 17;
-  job.created_at = now_rfc3339();
+  job.created_at = base::now_rfc3339();
   return stored;
 }
 
@@ -112,8 +112,8 @@ TEST(JobStore, ForgetsOldEventsOfLongJobs) {
   store.save(stored, events, Database::Durability::kProgress);
   const auto kept = store.events_after(id, 0);
   EXPECT_EQ(kept.back().id, 3000u);
-  EXPECT_GE(kept.size(), EventRing::kCapacity);
-  EXPECT_LT(kept.size(), EventRing::kCapacity + 64);
+  EXPECT_GE(kept.size(), base::EventRing::kCapacity);
+  EXPECT_LT(kept.size(), base::EventRing::kCapacity + 64);
 }
 
 void run_sql(const std::filesystem::path& path, const std::string& sql) {
@@ -230,29 +230,30 @@ TEST(JobStore, FeedsForgetOldEventsAndSaySo) {
   const StoredJob a = insert_job(store, "art"), g = insert_job(store, "game");
   std::vector<proto::Event> events;
   for (std::uint64_t n = 2; n <= 1500; ++n) events.push_back({n, "job.progress", "{}"});
-  events.push_back({1501, kJobEnd, "{}"});
+  events.push_back({1501, base::kJobEnd, "{}"});
   store.save(a, events, Database::Durability::kProgress);
   const auto feed = store.feed("art");
-  EXPECT_EQ(feed.events.size(), EventRing::kCapacity);
+  EXPECT_EQ(feed.events.size(), base::EventRing::kCapacity);
   EXPECT_EQ(feed.events.back().id, 1502u) << "the other tenant had one";
-  EXPECT_EQ(feed.floor, 1502 - EventRing::kCapacity);
+  EXPECT_EQ(feed.floor, 1502 - base::EventRing::kCapacity);
   EXPECT_EQ(store.feed("game").events.size(), 1u) << "a busy tenant pushes no one's events out";
   EXPECT_EQ(store.feed("game").floor, 0u);
   const StoredJob b = insert_job(store, "art");
   store.remove(a.job.id);
   EXPECT_EQ(store.feed("art").events.size(), 1u);
-  EXPECT_GE(store.feed("art").floor, 1502 - EventRing::kCapacity) << "what is gone stays gone";
+  EXPECT_GE(store.feed("art").floor, 1502 - base::EventRing::kCapacity)
+      << "what is gone stays gone";
 }
 
 TEST(EventRing, OfManyJobsGoesOnAfterAJobsEndAndOverHoles) {
-  const auto ring = EventRing::endless(4, 20, {{7, "log", "{}"}, {20, kJobEnd, "{}"}});
+  const auto ring = base::EventRing::endless(4, 20, {{7, "log", "{}"}, {20, base::kJobEnd, "{}"}});
   EXPECT_FALSE(ring->after(3).complete);
   EXPECT_TRUE(ring->after(4).complete);
   EXPECT_EQ(ring->after(8).events.size(), 1u);
   EXPECT_FALSE(ring->after(8).ended);
-  ring->push({33, kJobEnd, "{}"});
+  ring->push({33, base::kJobEnd, "{}"});
   EXPECT_FALSE(ring->after(33).ended);
-  for (std::uint64_t id = 40; id < 40 + 2 * EventRing::kCapacity; id += 2)
+  for (std::uint64_t id = 40; id < 40 + 2 * base::EventRing::kCapacity; id += 2)
     ring->push({id, "log", "{}"});
   EXPECT_FALSE(ring->after(32).complete);
   EXPECT_TRUE(ring->after(33).complete) << "33 is gone, what comes after it is there";
@@ -260,7 +261,7 @@ TEST(EventRing, OfManyJobsGoesOnAfterAJobsEndAndOverHoles) {
 }
 
 TEST(EventRing, HandsOutWhatComesAfterAnId) {
-  EventRing ring;
+  base::EventRing ring;
   for (std::uint64_t id = 1; id <= 1500; ++id) ring.push({id, "job.progress", "{}"});
   EXPECT_FALSE(ring.after(0).complete) << "the first 476 are gone";
   EXPECT_FALSE(ring.after(475).complete);
@@ -269,10 +270,10 @@ TEST(EventRing, HandsOutWhatComesAfterAnId) {
   EXPECT_EQ(ring.after(1490, 4).events.size(), 4u);
   EXPECT_TRUE(ring.after(1500).events.empty());
   EXPECT_FALSE(ring.after(1501).complete) << "an id of the future";
-  ring.push({1501, kJobEnd, "{}"});
+  ring.push({1501, base::kJobEnd, "{}"});
   EXPECT_FALSE(ring.after(1490, 4).ended);
   EXPECT_TRUE(ring.after(1490).ended);
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::store

@@ -6,9 +6,9 @@
 #include <thread>
 #include <vector>
 
-#include "job_service_fixture.h"
+#include "tests/server/job_service_fixture.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 TEST(JobWatches, TellThoseWhomItConcernsAndOnce) {
@@ -106,4 +106,4 @@ TEST_F(WatchedJob, LosesNoChange) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

@@ -10,7 +10,7 @@
 #include <optional>
 
 /// Connections that are parked until their bell rings.
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 using std::chrono::milliseconds;
@@ -151,4 +151,4 @@ TEST_F(ParkedInLobby, IsClosedWithTheLobbyWhichItsBellMayOutlive) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

@@ -1,4 +1,4 @@
-#include "server/memory_budget.h"
+#include "server/base/memory_budget.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <vector>
 
 /// What bakes and import processes take of the machine together.
-namespace kiln::server {
+namespace kiln::base {
 namespace {
 
 using namespace std::chrono_literals;
@@ -239,4 +239,4 @@ TEST(MemoryBudget, IsNeverExceeded) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::base

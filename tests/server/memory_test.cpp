@@ -1,23 +1,23 @@
 #include <algorithm>
 #include <fstream>
 
-#include "job_service_fixture.h"
-#include "server/machine.h"
+#include "server/base/machine.h"
+#include "tests/server/job_service_fixture.h"
 
 /// Admission by estimate: what runs together fits the machine.
-namespace kiln::server {
+namespace kiln::sandbox {
 namespace {
 
-class Memory : public JobServiceTest {
+class Memory : public jobs::JobServiceTest {
  protected:
-  static JobLimits limits(std::uint64_t bytes, std::uint32_t running = 3) {
-    JobLimits limits;
+  static jobs::JobLimits limits(std::uint64_t bytes, std::uint32_t running = 3) {
+    jobs::JobLimits limits;
     limits.running = running;
     limits.memory_bytes = bytes;
     return limits;
   }
   std::string submit_sized(std::uint32_t bytes) {
-    Submission s = submission();
+    jobs::Submission s = submission();
     s.settings.solver.seed = bytes;
     return jobs().submit(s).value().job.id;
   }
@@ -89,16 +89,18 @@ TEST_F(Memory, WhatWaitsCanBeCanceledAndSurvivesTheProcess) {
 
 // Of 1000, 2 times 100 are set aside for imports.
 JobLimits shared_limits() {
-  JobLimits limits;
+  jobs::JobLimits limits;
   limits.running = 3;
-  limits.memory = std::make_shared<MemoryBudget>(1000, MemoryBudget::Imports{2, 600, 100});
+  limits.memory =
+      std::make_shared<base::MemoryBudget>(1000, base::MemoryBudget::Imports{2, 600, 100});
   return limits;
 }
 
 TEST_F(Memory, AJobsImportDrawsOnItsReservation) {
-  const JobLimits limits = shared_limits();
+  const jobs::JobLimits limits = shared_limits();
   const auto importing = [&limits, sized = fake_.sized()](
-                             const JobInput& input, baker::ThreadPool& pool, std::stop_token stop,
+                             const jobs::JobInput& input, exec::ThreadPool& pool,
+                             std::stop_token stop,
                              baker::BakeObserver& observer) -> proto::Expected<proto::Manifest> {
     {
       const auto place = limits.memory->enter(600, stop, 20s, input.job);
@@ -119,7 +121,7 @@ TEST_F(Memory, AJobsImportDrawsOnItsReservation) {
 }
 
 TEST_F(Memory, AJobThatWaitsForAnImportIsLeftInPeace) {
-  const JobLimits limits = shared_limits();
+  const jobs::JobLimits limits = shared_limits();
   start(fake_.sized(), limits);
   std::string id;
   {
@@ -144,22 +146,22 @@ TEST(Machine, FreeMemoryIsWhatTheNarrowestLimitLeaves) {
     std::filesystem::create_directories((root / name).parent_path());
     std::ofstream(root / name) << text;
   };
-  EXPECT_EQ(free_memory_bytes(root), 0u);
+  EXPECT_EQ(base::free_memory_bytes(root), 0u);
   write("proc/meminfo", "MemTotal: 9000 kB\nMemAvailable:    1000 kB\n");
-  EXPECT_EQ(free_memory_bytes(root), 1'024'000u);
+  EXPECT_EQ(base::free_memory_bytes(root), 1'024'000u);
   write("proc/self/cgroup", "0::/a/b\n");
   write("sys/fs/cgroup/a/b/memory.max", "max\n");
-  EXPECT_EQ(free_memory_bytes(root), 1'024'000u);
+  EXPECT_EQ(base::free_memory_bytes(root), 1'024'000u);
   write("sys/fs/cgroup/a/memory.max", "500000\n");
   write("sys/fs/cgroup/a/memory.current", "100000\n");
-  EXPECT_EQ(free_memory_bytes(root), 400'000u);
+  EXPECT_EQ(base::free_memory_bytes(root), 400'000u);
   write("sys/fs/cgroup/memory.max", "300000\n");
-  EXPECT_EQ(free_memory_bytes(root), 300'000u);
+  EXPECT_EQ(base::free_memory_bytes(root), 300'000u);
   write("sys/fs/cgroup/a/b/memory.max", "7\n");
   write("sys/fs/cgroup/a/b/memory.current", "9\n");
-  EXPECT_EQ(free_memory_bytes(root), 0u);
-  EXPECT_GT(free_memory_bytes(), 1u << 20);
+  EXPECT_EQ(base::free_memory_bytes(root), 0u);
+  EXPECT_GT(base::free_memory_bytes(), 1u << 20);
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::sandbox

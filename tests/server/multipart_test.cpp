@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 struct Part {
@@ -111,4 +111,4 @@ TEST(Multipart, FindsTheBoundary) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

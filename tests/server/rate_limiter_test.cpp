@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace kiln::server {
+namespace kiln::auth {
 namespace {
 
 using std::chrono::milliseconds;
@@ -52,4 +52,4 @@ TEST(RateLimiter, IsNotConfusedByAClockThatStands) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::auth

@@ -4,12 +4,12 @@
 #include <csignal>
 #include <fstream>
 
-#include "server/jobs/ids.h"
-#include "server/storage/data_folder.h"
-#include "server/storage/scene_store.h"
-#include "support/temp_files.h"
+#include "server/base/ids.h"
+#include "server/data/data_folder.h"
+#include "server/data/scene_store.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::data {
 namespace {
 
 namespace fs = std::filesystem;
@@ -81,8 +81,8 @@ TEST(SceneStore, FindsNothingUnderOtherNames) {
 TEST(Ids, AreLongAndSortByAge) {
   std::string last;
   for (int i = 0; i < 1000; ++i) {
-    const std::string id = new_id("job_");
-    EXPECT_TRUE(is_id(id, "job_")) << id;
+    const std::string id = base::new_id("job_");
+    EXPECT_TRUE(base::is_id(id, "job_")) << id;
     EXPECT_LE(last.substr(0, 14), id.substr(0, 14));
     EXPECT_NE(last, id);
     last = id;
@@ -90,9 +90,9 @@ TEST(Ids, AreLongAndSortByAge) {
   for (const char* bad :
        {"", "job_", "job_../../../etc/passwd.......", "scn_01234567890123456789012345",
         "job_0123456789012345678901234", "job_0123456789012345678901234A"})
-    EXPECT_FALSE(is_id(bad, "job_")) << bad;
-  EXPECT_EQ(now_rfc3339().size(), std::string("2026-01-01T00:00:00.000Z").size());
+    EXPECT_FALSE(base::is_id(bad, "job_")) << bad;
+  EXPECT_EQ(base::now_rfc3339().size(), std::string("2026-01-01T00:00:00.000Z").size());
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::data

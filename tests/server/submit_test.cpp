@@ -1,6 +1,6 @@
-#include "job_service_fixture.h"
+#include "tests/server/job_service_fixture.h"
 
-namespace kiln::server {
+namespace kiln::jobs {
 namespace {
 
 using Submit = JobServiceTest;
@@ -86,4 +86,4 @@ TEST_F(Submit, ATwinWithoutFilesIsBakedInstead) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::jobs

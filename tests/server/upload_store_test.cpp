@@ -1,12 +1,12 @@
-#include "server/storage/upload_store.h"
+#include "server/data/upload_store.h"
 
 #include <gtest/gtest.h>
 
 #include <optional>
 
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::data {
 namespace {
 
 using namespace std::chrono_literals;
@@ -135,4 +135,4 @@ TEST_F(Uploads, LeaveNothingBehind) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::data

@@ -8,9 +8,9 @@
 #include "server/webhooks/secrets.h"
 #include "server/webhooks/sender.h"
 #include "server/webhooks/signature.h"
-#include "support/temp_files.h"
+#include "tests/support/temp_files.h"
 
-namespace kiln::server {
+namespace kiln::webhooks {
 namespace {
 
 constexpr const char* kSecret = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
@@ -157,4 +157,4 @@ TEST(WebhookTarget, IsAnHttpUrlOfAPublicHost) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::webhooks

@@ -5,7 +5,7 @@
 #include <atomic>
 #include <latch>
 
-namespace kiln::server {
+namespace kiln::http {
 namespace {
 
 TEST(WorkerPool, RefusesWhatItCanNotHoldAndRunsWhatItTook) {
@@ -29,4 +29,4 @@ TEST(WorkerPool, RefusesWhatItCanNotHoldAndRunsWhatItTook) {
 }
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::http

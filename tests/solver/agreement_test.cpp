@@ -1,32 +1,32 @@
 // The methods against each other, and against the laws of their own error.
 #include <gtest/gtest.h>
 
-#include "baker/solver/gather.h"
+#include "baker/solver/gather/gather.h"
 #include "tests/solver/cornell_box.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 /// The irradiance of all texels, as sampled or as shown.
-std::vector<Rgb> sampled(const Solution& s) {
-  std::vector<Rgb> e(s.light->size());
+std::vector<math::Rgb> sampled(const Solution& s) {
+  std::vector<math::Rgb> e(s.light->size());
   for (std::uint32_t t = 0; t < e.size(); ++t) e[t] = s.light->irradiance(t);
   return e;
 }
-std::vector<Rgb> shown(const Solution& s) {
-  std::vector<Rgb> e(s.light->size());
+std::vector<math::Rgb> shown(const Solution& s) {
+  std::vector<math::Rgb> e(s.light->size());
   for (std::uint32_t t = 0; t < e.size(); ++t) e[t] = s.irradiance(t);
   return e;
 }
 
 /// nRMSE of `light` against the truth that two independent, unbiased references straddle: their own
 /// noise cancels in mean((x - r1)(x - r2)).
-double noise_free_nrmse(const std::vector<Rgb>& light, const std::vector<Rgb>& r1,
-                        const std::vector<Rgb>& r2) {
+double noise_free_nrmse(const std::vector<math::Rgb>& light, const std::vector<math::Rgb>& r1,
+                        const std::vector<math::Rgb>& r2) {
   double square = 0, mean = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t) {
-    const Rgb x = light[t], a = r1[t], b = r2[t];
-    const Rgb d = (x - a) * (x - b);
+    const math::Rgb x = light[t], a = r1[t], b = r2[t];
+    const math::Rgb d = (x - a) * (x - b);
     square += (double(d.r) + d.g + d.b) / 3;
     mean += (double(a.r) + a.g + a.b + b.r + b.g + b.b) / 6;
   }
@@ -75,10 +75,10 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
   yard.add_block({-0.5f, 0, -0.5f}, {0.5f, 1, 0.5f}, {0.7f, 0.2f, 0.2f});
   yard.build();
   yard.scene().sky = {0.3f, 0.5f, 1};
-  PunctualLight sun;
-  sun.type = PunctualType::kDirectional;
+  scene::PunctualLight sun;
+  sun.type = scene::PunctualType::kDirectional;
   sun.intensity = {4, 4, 3};
-  sun.direction = normalize(Vec3{1, -1.5f, 0.4f});
+  sun.direction = normalize(math::Vec3{1, -1.5f, 0.4f});
   yard.scene().lights = {sun};
   const auto r1 = sampled(path_reference(yard, 256, 3)), r2 = sampled(path_reference(yard, 256, 4));
   const auto gather = yard.solve({});
@@ -96,7 +96,7 @@ TEST(Convergence, GatherErrorFallsFasterThanRandom) {
   s.coarse_indirect = false;
   for (const std::uint32_t samples : {16u, 64u, 256u}) {
     s.samples = samples;
-    const double error = scatter(*box, s, &Lightmap::indirect, 16);
+    const double error = scatter(*box, s, &lightmap::Lightmap::indirect, 16);
     if (last > 0) {
       EXPECT_LT(error, last * std::pow(4, -0.6)) << samples << " samples";
     }
@@ -112,9 +112,9 @@ TEST(Convergence, PathErrorFallsWithTheSquareRoot) {
   s.method = proto::Method::kPath;
   s.bounces = 4;
   s.samples = 16;
-  const double few = scatter(*box, s, &Lightmap::indirect);
+  const double few = scatter(*box, s, &lightmap::Lightmap::indirect);
   s.samples = 256;
-  const double many = scatter(*box, s, &Lightmap::indirect);
+  const double many = scatter(*box, s, &lightmap::Lightmap::indirect);
   EXPECT_LT(many, few / 4 * 1.15);
 }
 
@@ -173,15 +173,15 @@ TEST(Determinism, ThreadCountChangesNoBit) {
 // Fewer remembered hits than samples: few feed the bounces, the rest follow, to the same light.
 TEST(HitBudget, RoundsAgreeWithTheFullCache) {
   const auto box = cornell(64);
-  const auto rays = RayScene::build(box->scene());
-  const LightSet lights(box->scene());
-  const TexelLookup lookup(box->scene(), box->atlas(), box->texels());
+  const auto rays = trace::RayScene::build(box->scene());
+  const light::LightSet lights(box->scene());
+  const trace::TexelLookup lookup(box->scene(), box->atlas(), box->texels());
   proto::SolverSettings s;
   s.samples = 256;
   s.direct_samples = 64;
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   const SolverInput in{box->scene(), box->atlas(), box->texels(), *rays, lights, lookup, s};
-  const auto tight = make_gather_solver(in, 0);
+  const auto tight = gather::make_gather_solver(in, 0);
   const auto solution = solve(*tight, box->texels(), pool, {});
   ASSERT_TRUE(solution);
   EXPECT_EQ(solution->passes.back().name, "round");
@@ -203,11 +203,11 @@ TEST(Bounces, MoreBouncesAddLightUpToTheLimitOfTheSeries) {
       mean += solution.light->irradiance(t).g;
     EXPECT_GE(mean, last * (bounces > 16 ? 0.999 : 1.0)) << bounces;
     if (bounces == 0) {
-      for (const Rgb& e : solution.light->indirect) EXPECT_TRUE(is_black(e));
+      for (const math::Rgb& e : solution.light->indirect) EXPECT_TRUE(is_black(e));
     }
     last = mean;
   }
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -3,10 +3,10 @@
 // probability below 1e-4 (Student's t, 7 degrees of freedom), and the seeds are fixed.
 #include <gtest/gtest.h>
 
-#include "baker/solver/sampling.h"
+#include "baker/sampling/shapes.h"
 #include "tests/solver/quad_scene.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 constexpr int kSeeds = 8;
@@ -53,7 +53,7 @@ TEST_P(Furnace, RadiosityIsEmittanceOverAbsorptance) {
   room.build();
   proto::SolverSettings s = settings_for(method);
   s.bounces = method == proto::Method::kGather ? 64 : 12;
-  const double emittance = kPi * 0.5;
+  const double emittance = math::kPi * 0.5;
   const double expected = method == proto::Method::kGather
                               ? emittance / (1 - albedo)
                               : emittance * (1 - std::pow(albedo, 13)) / (1 - albedo);
@@ -82,7 +82,7 @@ TEST_P(EveryMethod, ParallelSquares) {
   plates.build();
   double error = 0;
   const double e = face_mean(plates, floor, GetParam(), &error);
-  EXPECT_NEAR(e / kPi, 0.199824896, kSigmas * error / kPi + kRounding * 0.2);
+  EXPECT_NEAR(e / math::kPi, 0.199824896, kSigmas * error / math::kPi + kRounding * 0.2);
 }
 
 // Two unit squares at a right angle with a common edge: F = 0.200043776 [Howell, C-14].
@@ -93,7 +93,7 @@ TEST_P(EveryMethod, PerpendicularSquares) {
   plates.build();
   double error = 0;
   const double e = face_mean(plates, floor, GetParam(), &error);
-  EXPECT_NEAR(e / kPi, 0.200043776, kSigmas * error / kPi + kRounding * 0.2);
+  EXPECT_NEAR(e / math::kPi, 0.200043776, kSigmas * error / math::kPi + kRounding * 0.2);
 }
 
 // A rectangle light, texel by texel, against Lambert's polygon formula at the texel's own points.
@@ -102,26 +102,26 @@ TEST_P(EveryMethod, RectangleLightIsLambertsFormula) {
   const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
   scene.build();
   // Beside and close to the floor, tilted: near field, horizon, and a side that is turned away.
-  const RectLight light{{0.2f, 0.1f, -0.3f}, {0.6f, 0.3f, 0}, {0, 0, 0.7f}, {2, 2, 2}};
+  const scene::RectLight light{{0.2f, 0.1f, -0.3f}, {0.6f, 0.3f, 0}, {0, 0, 0.7f}, {2, 2, 2}};
   scene.scene().rect_lights.push_back(light);
   const auto texels = scene.texels_of(floor);
   const SeedStudy study(scene, settings_for(GetParam()), kSeeds, texels);
-  const Vec3 normal = normalize(cross(light.edge_u, light.edge_v));
+  const math::Vec3 normal = normalize(cross(light.edge_u, light.edge_v));
   double sum = 0, expected_sum = 0;
   for (std::size_t i = 0; i < texels.size(); ++i) {
     double expected = 0;
-    for (const SamplePoint& p : scene.texels().points_of(texels[i])) {
-      const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+    for (const atlas::SamplePoint& p : scene.texels().points_of(texels[i])) {
+      const math::Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
       if (dot(normal, at - light.corner) <= 0) continue;
-      const Vec3 far = light.corner + light.edge_u + light.edge_v;
-      expected +=
-          2 *
-          (polygon_irradiance(at, {0, 1, 0},
-                              std::array<Vec3, 3>{light.corner, light.corner + light.edge_u, far}) +
-           polygon_irradiance(
-               at, {0, 1, 0},
-               std::array<Vec3, 3>{light.corner, far, light.corner + light.edge_v})) /
-          TextureGroup::kPointsPerTexel;
+      const math::Vec3 far = light.corner + light.edge_u + light.edge_v;
+      expected += 2 *
+                  (sampling::polygon_irradiance(
+                       at, {0, 1, 0},
+                       std::array<math::Vec3, 3>{light.corner, light.corner + light.edge_u, far}) +
+                   sampling::polygon_irradiance(
+                       at, {0, 1, 0},
+                       std::array<math::Vec3, 3>{light.corner, far, light.corner + light.edge_v})) /
+                  atlas::TextureGroup::kPointsPerTexel;
     }
     EXPECT_NEAR(study.mean[i], expected, kSigmas * study.standard_error[i] + kRounding * expected)
         << "texel " << i;
@@ -143,15 +143,16 @@ TEST_P(EveryMethod, LampCloseToASurfaceIsLambertsFormula) {
     scene.build();
     const auto texels = scene.texels_of(floor);
     const SeedStudy study(scene, settings_for(GetParam()), kSeeds, texels);
-    const Vec3 a = lamp.corner, b = a + lamp.edge_u, c = b + lamp.edge_v, d = a + lamp.edge_v;
+    const math::Vec3 a = lamp.corner, b = a + lamp.edge_u, c = b + lamp.edge_v, d = a + lamp.edge_v;
     double expected = 0, area = 0;
     for (const std::uint32_t t : texels) {
       area += scene.texels().area_m2[t];
-      for (const SamplePoint& p : scene.texels().points_of(t)) {
-        const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
-        expected += 2 * scene.texels().area_m2[t] / TextureGroup::kPointsPerTexel *
-                    (polygon_irradiance(at, {0, 1, 0}, std::array<Vec3, 3>{a, b, c}) +
-                     polygon_irradiance(at, {0, 1, 0}, std::array<Vec3, 3>{a, c, d}));
+      for (const atlas::SamplePoint& p : scene.texels().points_of(t)) {
+        const math::Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+        expected +=
+            2 * scene.texels().area_m2[t] / atlas::TextureGroup::kPointsPerTexel *
+            (sampling::polygon_irradiance(at, {0, 1, 0}, std::array<math::Vec3, 3>{a, b, c}) +
+             sampling::polygon_irradiance(at, {0, 1, 0}, std::array<math::Vec3, 3>{a, c, d}));
       }
     }
     expected /= area;
@@ -165,40 +166,40 @@ TEST_P(EveryMethod, PunctualLightsAreInverseSquareCosineAndCone) {
   QuadScene scene(16);
   const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
   scene.build();
-  PunctualLight point;
+  scene::PunctualLight point;
   point.intensity = {10, 10, 10};
   point.position = {0.3f, 0.8f, 0};
   point.range = 3;
-  PunctualLight spot = point;
-  spot.type = PunctualType::kSpot;
+  scene::PunctualLight spot = point;
+  spot.type = scene::PunctualType::kSpot;
   spot.range = 0;
   spot.direction = {0, -1, 0};
   spot.cos_inner = std::cos(0.2f);
   spot.cos_outer = std::cos(0.7f);
-  PunctualLight sun;
-  sun.type = PunctualType::kDirectional;
+  scene::PunctualLight sun;
+  sun.type = scene::PunctualType::kDirectional;
   sun.intensity = {5, 5, 5};
-  sun.direction = normalize(Vec3{1, -2, 0.5f});
-  for (const PunctualLight& light : {point, spot, sun}) {
+  sun.direction = normalize(math::Vec3{1, -2, 0.5f});
+  for (const scene::PunctualLight& light : {point, spot, sun}) {
     scene.scene().lights = {light};
     const Solution solution = scene.solve(settings_for(GetParam()));
     for (const std::uint32_t t : scene.texels_of(floor)) {
       double expected = 0;
-      for (const SamplePoint& p : scene.texels().points_of(t)) {
-        const Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
-        const Vec3 d = light.position - at;
+      for (const atlas::SamplePoint& p : scene.texels().points_of(t)) {
+        const math::Vec3 at = position_at(scene.scene(), p.triangle, p.bary());
+        const math::Vec3 d = light.position - at;
         const double r2 = dot(d, d), cosine = d.y / std::sqrt(r2);
         double e = 0;
-        if (light.type == PunctualType::kDirectional) {
+        if (light.type == scene::PunctualType::kDirectional) {
           e = 5 * -light.direction.y;
-        } else if (light.type == PunctualType::kPoint) {
+        } else if (light.type == scene::PunctualType::kPoint) {
           e = 10 * cosine / r2 * (1 - r2 * r2 / 81);  // range window, range 3 m
         } else {
           const double t_cone =
               std::clamp((cosine - light.cos_outer) / (light.cos_inner - light.cos_outer), 0., 1.);
           e = 10 * cosine / r2 * t_cone * t_cone;
         }
-        expected += e / TextureGroup::kPointsPerTexel;
+        expected += e / atlas::TextureGroup::kPointsPerTexel;
       }
       EXPECT_NEAR(solution.light->irradiance(t).g, expected, 1e-4 * expected + 1e-6);
     }
@@ -207,14 +208,14 @@ TEST_P(EveryMethod, PunctualLightsAreInverseSquareCosineAndCone) {
 
 // An open surface sees the whole hemisphere of a uniform sky: E = πL, however it is tilted.
 TEST_P(EveryMethod, OpenPlaneUnderSky) {
-  for (const Vec3 edge : {Vec3{1, 0, 0}, Vec3{0.6f, 0.8f, 0}}) {
+  for (const math::Vec3 edge : {math::Vec3{1, 0, 0}, math::Vec3{0.6f, 0.8f, 0}}) {
     QuadScene scene(16);
     const auto quad = scene.add({{0, 0, 0}, {0, 0, 1}, edge});
     scene.build();
     scene.scene().sky = {2, 2, 2};
     const Solution solution = scene.solve(settings_for(GetParam()));
     for (const std::uint32_t t : scene.texels_of(quad))
-      EXPECT_NEAR(solution.light->irradiance(t).g, 2 * kPi, 1e-4);
+      EXPECT_NEAR(solution.light->irradiance(t).g, 2 * math::kPi, 1e-4);
   }
 }
 
@@ -227,7 +228,7 @@ TEST_P(EveryMethod, TiltedPlaneOverBlackGround) {
   scene.build();
   scene.scene().sky = {1, 1, 1};
   const SeedStudy study(scene, settings_for(GetParam()), kSeeds, scene.texels_of(panel));
-  const double expected = kPi * (1 + 0.6) / 2;
+  const double expected = math::kPi * (1 + 0.6) / 2;
   EXPECT_NEAR(study.area_mean, expected, kSigmas * study.area_standard_error + 2e-3 * expected);
 }
 
@@ -238,7 +239,7 @@ void expect_dark_in_sealed_room(proto::Method method, float overhang) {
   room.add_room({-1, 0, -1}, {1, 2, 1}, {0.8f, 0.8f, 0.8f});
   room.build();
   room.scene().sky = {1000, 1000, 1000};
-  PunctualLight lamp;
+  scene::PunctualLight lamp;
   lamp.position = {0, 2.5f, 0};
   lamp.intensity = {1e6f, 1e6f, 1e6f};
   room.scene().lights = {lamp};
@@ -270,22 +271,23 @@ TEST(GatherEnergy, ClosedColouredBoxAbsorbsWhatItsLampEmits) {
   s.bounces = 64;
   const Solution solution = room.solve(s);
   double absorbed[3] = {};
-  const TextureGroup& t = room.texels();
+  const atlas::TextureGroup& t = room.texels();
   for (std::uint32_t i = 0; i < t.size(); ++i) {
-    const Rgb e = solution.light->irradiance(i), a = t.albedo[i];
+    const math::Rgb e = solution.light->irradiance(i), a = t.albedo[i];
     const double area = t.area_m2[i];
     absorbed[0] += area * (1 - a.r) * e.r;
     absorbed[1] += area * (1 - a.g) * e.g;
     absorbed[2] += area * (1 - a.b) * e.b;
   }
-  const double emitted[3] = {kPi * 4 * 0.36, kPi * 3 * 0.36, kPi * 2 * 0.36};  // π L A
+  const double emitted[3] = {math::kPi * 4 * 0.36, math::kPi * 3 * 0.36,
+                             math::kPi * 2 * 0.36};  // π L A
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(absorbed[c] / emitted[c], 1, 5e-3) << "channel " << c;
 }
 
 // A flat lamp sees nothing of itself, also where coordinates are large against its distance to its
 // own plane: their rounding must not lift its points above it.
 TEST_P(EveryMethod, FlatLampDoesNotLightItself) {
-  for (const Vec3 corner : {Vec3{0, 0, 0}, Vec3{213.1f, 547.9f, 227.3f}}) {
+  for (const math::Vec3 corner : {math::Vec3{0, 0, 0}, math::Vec3{213.1f, 547.9f, 227.3f}}) {
     QuadScene scene(32);
     const auto lamp =
         scene.add({corner, {3.1f, 0.017f, 0.3f}, {0.2f, -0.013f, 2.7f}, {}, {9, 9, 9}});
@@ -303,8 +305,8 @@ TEST_P(EveryMethod, DoubleSidedSheetKeepsItsSidesApart) {
   sheet.double_sided = true;
   const auto quad = scene.add(sheet);
   scene.build();
-  PunctualLight above, below;
-  above.type = below.type = PunctualType::kDirectional;
+  scene::PunctualLight above, below;
+  above.type = below.type = scene::PunctualType::kDirectional;
   above.direction = {0, -1, 0}, above.intensity = {3, 3, 3};
   below.direction = {0, 1, 0}, below.intensity = {7, 7, 7};
   scene.scene().lights = {above, below};
@@ -318,4 +320,4 @@ TEST_P(EveryMethod, DoubleSidedSheetKeepsItsSidesApart) {
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

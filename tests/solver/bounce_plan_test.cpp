@@ -1,11 +1,11 @@
-#include "baker/solver/bounce_plan.h"
+#include "baker/solver/gather/bounce_plan.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <vector>
 
-namespace kiln::baker {
+namespace kiln::solver {
 namespace {
 
 /// Reports of a room whose light grows by a geometric series: direct light of 1 lx, and bounces
@@ -15,7 +15,8 @@ class Room {
   explicit Room(double ratio) : ratio_(ratio), done_{pass(1, 1), pass(1, 0)} {}
 
   const std::vector<proto::PassReport>& done() const { return done_; }
-  BouncePlan plan(std::uint32_t bounces, float tolerance, const DirectionSet& set) const {
+  gather::BouncePlan plan(std::uint32_t bounces, float tolerance,
+                          const sampling::DirectionSet& set) const {
     proto::SolverSettings settings;
     settings.bounces = bounces;
     settings.tolerance = tolerance;
@@ -40,11 +41,11 @@ class Room {
 };
 
 TEST(BouncePlan, TheLastBounceStandsForAllThatAreLeftOut) {
-  const DirectionSet set(0, 256, false);
+  const sampling::DirectionSet set(0, 256, false);
   Room room(0.5);
-  const BouncePlan plan = room.plan(100, 1e-3f, set);
+  const gather::BouncePlan plan = room.plan(100, 1e-3f, set);
   double light = 1;
-  BouncePlan::Bounce bounce;
+  gather::BouncePlan::Bounce bounce;
   std::uint32_t count = 0;
   while (!(bounce = plan.next(room.done())).last) {
     light += std::pow(0.5, ++count);
@@ -57,11 +58,11 @@ TEST(BouncePlan, TheLastBounceStandsForAllThatAreLeftOut) {
 }
 
 TEST(BouncePlan, TheLimitEndsIt) {
-  const DirectionSet set(0, 256, false);
+  const sampling::DirectionSet set(0, 256, false);
   Room room(0.9);
-  const BouncePlan plan = room.plan(3, 0, set);
+  const gather::BouncePlan plan = room.plan(3, 0, set);
   for (int i = 0; i < 3; ++i) {
-    const BouncePlan::Bounce bounce = plan.next(room.done());
+    const gather::BouncePlan::Bounce bounce = plan.next(room.done());
     EXPECT_FALSE(bounce.stands_for_others);
     EXPECT_EQ(bounce.last, i == 2);
     EXPECT_FALSE(plan.is_complete(room.done()));
@@ -71,9 +72,9 @@ TEST(BouncePlan, TheLimitEndsIt) {
 }
 
 TEST(BouncePlan, FewerHitsAreReadTheLessIsAtStake) {
-  const DirectionSet set(0, 256, false);
+  const sampling::DirectionSet set(0, 256, false);
   Room room(0.5);
-  const BouncePlan plan = room.plan(100, 1e-9f, set);
+  const gather::BouncePlan plan = room.plan(100, 1e-9f, set);
   std::vector<std::uint32_t> read;
   for (int i = 0; i < 12; ++i) {
     read.push_back(plan.next(room.done()).directions);
@@ -81,10 +82,10 @@ TEST(BouncePlan, FewerHitsAreReadTheLessIsAtStake) {
   }
   EXPECT_EQ(read, (std::vector<std::uint32_t>{256, 256, 256, 128, 64, 32, 16, 16, 16, 16, 16, 16}));
   // Packets of a coherent set are parts of the hemisphere: all of them are needed.
-  const DirectionSet coherent(0, 256, true);
+  const sampling::DirectionSet coherent(0, 256, true);
   ASSERT_TRUE(coherent.coherent);
   EXPECT_EQ(room.plan(100, 1e-9f, coherent).next(room.done()).directions, 256u);
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -1,10 +1,10 @@
-#include "baker/solver/coarse_sites.h"
+#include "baker/solver/gather/interpolation_grid.h"
 
 #include <gtest/gtest.h>
 
 #include "tests/solver/quad_scene.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 QuadScene two_plates() {
@@ -17,11 +17,11 @@ QuadScene two_plates() {
 
 TEST(CoarseSites, AreTheEvenTexelsOfTheSameChart) {
   const QuadScene scene = two_plates();
-  const TextureGroup& t = scene.texels();
-  const CoarseSites coarse(t);
+  const atlas::TextureGroup& t = scene.texels();
+  const gather::CoarseSites coarse(t);
   int interpolated = 0;
   for (std::uint32_t i = 0; i < t.size(); ++i) {
-    const CoarseSites::Sites sites = coarse.around(i);
+    const gather::CoarseSites::Sites sites = coarse.around(i);
     const bool odd_x = t.x[i] % 2, odd_y = t.y[i] % 2;
     if (!odd_x && !odd_y) {
       EXPECT_EQ(sites.count, 0u);
@@ -44,11 +44,11 @@ TEST(CoarseSites, AreTheEvenTexelsOfTheSameChart) {
 
 TEST(CoarseSites, AgreeWithinSixPercentOfAllLight) {
   const QuadScene scene = two_plates();
-  const CoarseSites coarse(scene.texels());
+  const gather::CoarseSites coarse(scene.texels());
   std::uint32_t texel = 0;
   while (coarse.around(texel).count != 2) ++texel;
-  const CoarseSites::Sites sites = coarse.around(texel);
-  Lightmap light(scene.texels().size());
+  const gather::CoarseSites::Sites sites = coarse.around(texel);
+  lightmap::Lightmap light(scene.texels().size());
   const auto set = [&](float first, float second, float direct) {
     light.indirect[sites.texel[0]] = {first, first, first};
     light.indirect[sites.texel[1]] = {second, second, second};
@@ -64,7 +64,7 @@ TEST(CoarseSites, AgreeWithinSixPercentOfAllLight) {
   EXPECT_FALSE(coarse.agree(sites, light)) << "partly hidden";
 }
 
-double rms_difference(const Lightmap& a, const Lightmap& b) {
+double rms_difference(const lightmap::Lightmap& a, const lightmap::Lightmap& b) {
   double sum = 0;
   for (std::uint32_t t = 0; t < a.size(); ++t) {
     const double d = double(a.indirect[t].g) - b.indirect[t].g;
@@ -76,7 +76,7 @@ double rms_difference(const Lightmap& a, const Lightmap& b) {
 // Against the limit of the dense gather: half the rays or less, and no greater error.
 TEST(CoarseSites, SaveRaysAndRaiseNoError) {
   QuadScene room(128);
-  const Rgb white{0.7f, 0.7f, 0.7f};
+  const math::Rgb white{0.7f, 0.7f, 0.7f};
   room.add_room({-1, 0, -1}, {1, 2, 1}, white);
   room.add_block({-0.6f, 0, -0.5f}, {-0.05f, 1.2f, 0.05f}, white);
   room.add({{-0.25f, 1.98f, -0.25f}, {0.5f, 0, 0}, {0, 0, 0.5f}, {}, {12, 12, 12}});
@@ -101,4 +101,4 @@ TEST(CoarseSites, SaveRaysAndRaiseNoError) {
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -4,13 +4,13 @@
 
 #include "tests/solver/quad_scene.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 
 /// A Cornell box of 2 m with two blocks.
 inline std::unique_ptr<QuadScene> cornell(std::uint32_t page_size) {
   auto box = std::make_unique<QuadScene>(page_size);
-  const Rgb white{0.73f, 0.73f, 0.73f}, red{0.63f, 0.06f, 0.05f}, green{0.14f, 0.45f, 0.09f};
-  const Vec3 x{2, 0, 0}, y{0, 2, 0}, z{0, 0, 2};
+  const math::Rgb white{0.73f, 0.73f, 0.73f}, red{0.63f, 0.06f, 0.05f}, green{0.14f, 0.45f, 0.09f};
+  const math::Vec3 x{2, 0, 0}, y{0, 2, 0}, z{0, 0, 2};
   box->add({{-1, 0, -1}, y, z, red});
   box->add({{1, 0, -1}, z, y, green});
   box->add({{-1, 0, -1}, z, x, white});
@@ -25,8 +25,8 @@ inline std::unique_ptr<QuadScene> cornell(std::uint32_t page_size) {
 }
 
 /// Standard deviation of one kind of light between seeds, relative to its mean.
-inline double scatter(const QuadScene& scene, proto::SolverSettings s, Plane<Rgb> Lightmap::*light,
-                      int pairs = 4) {
+inline double scatter(const QuadScene& scene, proto::SolverSettings s,
+                      lightmap::Plane<math::Rgb> Lightmap::*light, int pairs = 4) {
   double square = 0, mean = 0;
   for (int pair = 0; pair < pairs; ++pair) {
     s.seed = 21 + 2 * std::uint64_t(pair);
@@ -44,4 +44,4 @@ inline double scatter(const QuadScene& scene, proto::SolverSettings s, Plane<Rgb
   return std::sqrt(square / n) / (mean / n);
 }
 
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -1,14 +1,14 @@
-#include "baker/solver/lamp_light.h"
+#include "baker/solver/direct/polygon_light.h"
 
 #include <gtest/gtest.h>
 
 #include <array>
 #include <cmath>
 
-#include "baker/solver/sampling.h"
+#include "baker/sampling/shapes.h"
 #include "tests/solver/quad_scene.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 proto::SolverSettings direct_light(std::uint32_t shadow_rays) {
@@ -26,7 +26,7 @@ class UnderALamp {
   QuadScene scene{64};
   std::uint32_t floor = 0;
 
-  void hang(Vec3 corner, Vec3 u, Vec3 v) {
+  void hang(math::Vec3 corner, math::Vec3 u, math::Vec3 v) {
     Quad quad{corner, u, v};
     quad.double_sided = true;
     scene.add(quad);
@@ -49,16 +49,16 @@ TEST(LampLight, IsExactWhereNothingIsInTheWay) {
     QuadScene scene(32);
     const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
     scene.build();
-    const Vec3 a{-0.4f, height, -0.3f}, u{0.9f, 0, 0}, v{0, 0, 0.7f};
+    const math::Vec3 a{-0.4f, height, -0.3f}, u{0.9f, 0, 0}, v{0, 0, 0.7f};
     scene.scene().rect_lights.push_back({a, u, v, {1, 1, 1}});
     const Solution solution = scene.solve(direct_light(16));
-    const std::array<Vec3, 4> lamp{a, a + u, a + u + v, a + v};
+    const std::array<math::Vec3, 4> lamp{a, a + u, a + u + v, a + v};
     for (const std::uint32_t t : scene.texels_of(floor)) {
       double expected = 0;
-      for (const SamplePoint& p : scene.texels().points_of(t))
-        expected +=
-            polygon_irradiance(position_at(scene.scene(), p.triangle, p.bary()), {0, 1, 0}, lamp) /
-            TextureGroup::kPointsPerTexel;
+      for (const atlas::SamplePoint& p : scene.texels().points_of(t))
+        expected += sampling::polygon_irradiance(position_at(scene.scene(), p.triangle, p.bary()),
+                                                 {0, 1, 0}, lamp) /
+                    atlas::TextureGroup::kPointsPerTexel;
       ASSERT_NEAR(solution.light->irradiance(t).g, expected, 3e-5 * expected + 1e-6)
           << "lamp at " << height << ", texel " << t;
     }
@@ -115,4 +115,4 @@ TEST(LampLight, MissesLittleOfAThinWireAnywhere) {
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -3,11 +3,11 @@
 #include <cstring>
 #include <stdexcept>
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 
-void QuadScene::add_room(Vec3 low, Vec3 high, Rgb albedo, Rgb emission) {
-  const Vec3 d = high - low;
-  const Vec3 x{d.x, 0, 0}, y{0, d.y, 0}, z{0, 0, d.z};
+void QuadScene::add_room(math::Vec3 low, math::Vec3 high, math::Rgb albedo, math::Rgb emission) {
+  const math::Vec3 d = high - low;
+  const math::Vec3 x{d.x, 0, 0}, y{0, d.y, 0}, z{0, 0, d.z};
   add({low, y, z, albedo, emission});
   add({low + x, z, y, albedo, emission});
   add({low, z, x, albedo, emission});
@@ -16,9 +16,9 @@ void QuadScene::add_room(Vec3 low, Vec3 high, Rgb albedo, Rgb emission) {
   add({low + z, y, x, albedo, emission});
 }
 
-void QuadScene::add_block(Vec3 low, Vec3 high, Rgb albedo, bool with_bottom) {
-  const Vec3 d = high - low;
-  const Vec3 x{d.x, 0, 0}, y{0, d.y, 0}, z{0, 0, d.z};
+void QuadScene::add_block(math::Vec3 low, math::Vec3 high, math::Rgb albedo, bool with_bottom) {
+  const math::Vec3 d = high - low;
+  const math::Vec3 x{d.x, 0, 0}, y{0, d.y, 0}, z{0, 0, d.z};
   add({low, z, y, albedo});
   add({low + x, y, z, albedo});
   if (with_bottom) add({low, x, z, albedo});
@@ -37,7 +37,7 @@ void QuadScene::build() {
   scene_.instances[0].part_count = count;
   for (std::uint32_t q = 0; q < count; ++q) {
     const Quad& quad = quads_[q];
-    Part part;
+    scene::Part part;
     part.primitive = q;
     part.material = q;
     part.first_vertex = 4 * q;
@@ -46,7 +46,7 @@ void QuadScene::build() {
     part.triangle_count = 2;
     part.has_lightmap_uv = true;
     scene_.parts.push_back(part);
-    Material m;
+    scene::Material m;
     m.base_color = quad.albedo;
     m.emission = quad.emission;
     m.double_sided = quad.double_sided;
@@ -72,12 +72,12 @@ void QuadScene::build() {
   proto::AtlasSettings settings;
   settings.page_size = page_size_;
   settings.unwrap = proto::Unwrap::kExisting;
-  auto atlas = build_atlas(scene_, settings);
+  auto atlas = atlas::build_atlas(scene_, settings);
   if (!atlas) throw std::logic_error(atlas.error().message);
-  atlas_ = std::make_unique<Atlas>(std::move(*atlas));
+  atlas_ = std::make_unique<atlas::Atlas>(std::move(*atlas));
   auto texels = rasterise(scene_, *atlas_);
   if (!texels) throw std::logic_error(texels.error().message);
-  texels_ = std::make_unique<TextureGroup>(std::move(*texels));
+  texels_ = std::make_unique<atlas::TextureGroup>(std::move(*texels));
 }
 
 std::vector<std::uint32_t> QuadScene::texels_of(std::uint32_t quad) const {
@@ -89,13 +89,13 @@ std::vector<std::uint32_t> QuadScene::texels_of(std::uint32_t quad) const {
 
 Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned threads,
                           const proto::QualitySettings& quality, bool filter) const {
-  const auto rays = RayScene::build(scene_);
-  const LightSet lights(scene_);
-  const TexelLookup lookup(scene_, *atlas_, *texels_);
-  const auto solver = make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup, settings,
+  const auto rays = trace::RayScene::build(scene_);
+  const light::LightSet lights(scene_);
+  const trace::TexelLookup lookup(scene_, *atlas_, *texels_);
+  const auto solver = baker::make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup, settings,
                                    sample_plan(settings, quality), filter});
-  ThreadPool pool(threads);
-  auto solution = baker::solve(*solver, *texels_, pool, {});
+  exec::ThreadPool pool(threads);
+  auto solution = solve(*solver, *texels_, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);
   return std::move(*solution);
 }
@@ -131,9 +131,9 @@ SeedStudy::SeedStudy(const QuadScene& scene, proto::SolverSettings settings, int
     standard_error[i] = error_of_mean(mean[i], square[i]);
 }
 
-bool same_bits(const Plane<Rgb>& a, const Plane<Rgb>& b) {
+bool same_bits(const lightmap::Plane<math::Rgb>& a, const lightmap::Plane<math::Rgb>& b) {
   return a.size() == b.size() &&
-         std::memcmp(a.values().data(), b.values().data(), a.size() * sizeof(Rgb)) == 0;
+         std::memcmp(a.values().data(), b.values().data(), a.size() * sizeof(math::Rgb)) == 0;
 }
 
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -10,13 +10,13 @@
 #include "baker/solver/solve.h"
 #include "proto/bake_settings.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 
 /// A one-sided rectangle that faces cross(edge_u, edge_v).
 struct Quad {
-  Vec3 corner, edge_u, edge_v;
-  Rgb albedo{0, 0, 0};
-  Rgb emission{0, 0, 0};  ///< cd/m2
+  math::Vec3 corner, edge_u, edge_v;
+  math::Rgb albedo{0, 0, 0};
+  math::Rgb emission{0, 0, 0};  ///< cd/m2
   bool double_sided = false;
 };
 
@@ -32,18 +32,18 @@ class QuadScene {
     return static_cast<std::uint32_t>(quads_.size() - 1);
   }
   /// The six inner faces of an axis-parallel box, in the order -x +x -y +y -z +z.
-  void add_room(Vec3 low, Vec3 high, Rgb albedo, Rgb emission = {});
+  void add_room(math::Vec3 low, math::Vec3 high, math::Rgb albedo, math::Rgb emission = {});
   /// The same seen from outside; a block that stands on a floor has no bottom.
-  void add_block(Vec3 low, Vec3 high, Rgb albedo, bool with_bottom = false);
+  void add_block(math::Vec3 low, math::Vec3 high, math::Rgb albedo, bool with_bottom = false);
 
-  Scene& scene() { return scene_; }  ///< lights and sky may be set after build()
+  scene::Scene& scene() { return scene_; }  ///< lights and sky may be set after build()
   void build();
 
   /// Texels of one rectangle.
   std::vector<std::uint32_t> texels_of(std::uint32_t quad) const;
-  const TextureGroup& texels() const { return *texels_; }
-  const Atlas& atlas() const { return *atlas_; }
-  const Scene& scene() const { return scene_; }
+  const atlas::TextureGroup& texels() const { return *texels_; }
+  const atlas::Atlas& atlas() const { return *atlas_; }
+  const scene::Scene& scene() const { return scene_; }
 
   Solution solve(const proto::SolverSettings&, unsigned threads = 2,
                  const proto::QualitySettings& = {}, bool filter = true) const;
@@ -52,9 +52,9 @@ class QuadScene {
   std::uint32_t page_size_;
   float overhang_;
   std::vector<Quad> quads_;
-  Scene scene_;
-  std::unique_ptr<Atlas> atlas_;
-  std::unique_ptr<TextureGroup> texels_;
+  scene::Scene scene_;
+  std::unique_ptr<atlas::Atlas> atlas_;
+  std::unique_ptr<atlas::TextureGroup> texels_;
 };
 
 /// Irradiance of several bakes that differ in their seed alone, with what they say of their own
@@ -69,6 +69,6 @@ struct SeedStudy {
             const std::vector<std::uint32_t>& texels);
 };
 
-bool same_bits(const Plane<Rgb>&, const Plane<Rgb>&);
+bool same_bits(const lightmap::Plane<math::Rgb>&, const lightmap::Plane<math::Rgb>&);
 
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

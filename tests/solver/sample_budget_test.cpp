@@ -1,5 +1,5 @@
 // Where more samples lower the error most for what they cost.
-#include "baker/solver/sample_budget.h"
+#include "baker/solver/adaptive/allocation.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-namespace kiln::baker {
+namespace kiln::solver {
 namespace {
 
 constexpr double kSlope = 0.65;
@@ -18,7 +18,8 @@ struct Spent {
   double variance = 0, cost = 0;
 };
 
-Spent spent(const std::vector<SampleLot>& lots, const std::vector<std::uint32_t>& doublings) {
+Spent spent(const std::vector<adaptive::SampleLot>& lots,
+            const std::vector<std::uint32_t>& doublings) {
   Spent s;
   for (std::size_t i = 0; i < lots.size(); ++i) {
     s.variance += lots[i].variance * std::exp2(-2 * kSlope * doublings[i]);
@@ -28,14 +29,14 @@ Spent spent(const std::vector<SampleLot>& lots, const std::vector<std::uint32_t>
 }
 
 TEST(SampleBudget, NothingIsSpentWhereTheErrorIsLowEnough) {
-  const std::vector<SampleLot> lots{{3, 64, 4096, 1}, {4, 64, 4096, 1}};
+  const std::vector<adaptive::SampleLot> lots{{3, 64, 4096, 1}, {4, 64, 4096, 1}};
   EXPECT_EQ(least_doublings(lots, 7, kSlope), (std::vector<std::uint32_t>{0, 0}));
   EXPECT_EQ(least_doublings({}, 0, kSlope), std::vector<std::uint32_t>{});
 }
 
 TEST(SampleBudget, NoiseAndPriceDecide) {
   // Noisy and cheap, noisy and dear, without noise, and with samples that can't be more.
-  const std::vector<SampleLot> lots{
+  const std::vector<adaptive::SampleLot> lots{
       {100, 64, 4096, 1}, {100, 64, 4096, 50}, {0, 64, 4096, 1}, {100, 64, 64, 1}};
   const auto doublings = least_doublings(lots, 230, kSlope);
   EXPECT_LE(spent(lots, doublings).variance, 230);
@@ -46,12 +47,13 @@ TEST(SampleBudget, NoiseAndPriceDecide) {
 
 // A lot that can't be helped must not send the others to their limits.
 TEST(SampleBudget, WhatCantBeReachedIsNotChased) {
-  const std::vector<SampleLot> lots{{1, 16, 4096, 1}, {1, 16, 16, 1}, {1e-6, 16, 4096, 1}};
+  const std::vector<adaptive::SampleLot> lots{
+      {1, 16, 4096, 1}, {1, 16, 16, 1}, {1e-6, 16, 4096, 1}};
   EXPECT_EQ(least_doublings(lots, 0.5, kSlope), (std::vector<std::uint32_t>{2, 0, 0}));
 }
 
 TEST(SampleBudget, TheLastStepGoesUpToTheLimit) {
-  const std::vector<SampleLot> lots{{1, 64, 100, 1}};
+  const std::vector<adaptive::SampleLot> lots{{1, 64, 100, 1}};
   EXPECT_EQ(least_doublings(lots, 0.6, kSlope), std::vector<std::uint32_t>{1});
   EXPECT_EQ(least_doublings({{{1, 100, 100, 1}}}, 0.6, kSlope), std::vector<std::uint32_t>{0});
 }
@@ -64,7 +66,7 @@ TEST(SampleBudget, CostsNoMoreThanTheBestChoiceButForItsLastDoubling) {
     return double((state = state * 1664525u + 1013904223u) >> 8) / 0x1p24;
   };
   for (int trial = 0; trial < 40; ++trial) {
-    std::vector<SampleLot> lots;
+    std::vector<adaptive::SampleLot> lots;
     double variance = 0;
     for (int i = 0; i < 4; ++i) {
       lots.push_back({std::exp2(8 * next()), 16, 16 << 5, 0.2 + next()});
@@ -87,4 +89,4 @@ TEST(SampleBudget, CostsNoMoreThanTheBestChoiceButForItsLastDoubling) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::solver

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace kiln::baker {
+namespace kiln::solver {
 namespace {
 
 TEST(SamplePlan, StartsWithMoreTheFinerTheTarget) {
@@ -36,4 +36,4 @@ TEST(SamplePlan, WhatSettingsFixStays) {
 }
 
 }  // namespace
-}  // namespace kiln::baker
+}  // namespace kiln::solver

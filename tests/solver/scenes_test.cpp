@@ -1,17 +1,18 @@
 // Gather against the unbiased path method on scenes of every kind of light.
 #include <gtest/gtest.h>
 
-#include "baker/solver/gather.h"
+#include "baker/methods.h"
+#include "baker/solver/gather/gather.h"
 #include "baker/solver/solve.h"
 #include "tests/support/ready_scene.h"
 #include "tests/support/sanitizer.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 struct Case {
   const char* scene;
-  Rgb sky;
+  math::Rgb sky;
 };
 
 void PrintTo(const Case& c, std::ostream* out) {
@@ -21,16 +22,16 @@ void PrintTo(const Case& c, std::ostream* out) {
 class Scenes : public testing::TestWithParam<Case> {};
 
 struct Baked {
-  std::vector<Rgb> light;
+  std::vector<math::Rgb> light;
   double told = 0;  ///< root mean square of the standard error that the samples tell, luminance
 };
 
-Baked bake(const kiln::test::ReadyScene& ready, const proto::SolverSettings& settings) {
-  const auto solver = make_solver(ready.input(settings));
-  ThreadPool pool(2);
+Baked bake(const test::ReadyScene& ready, const proto::SolverSettings& settings) {
+  const auto solver = baker::make_solver(ready.input(settings));
+  exec::ThreadPool pool(2);
   const auto solution = solve(*solver, ready.texels, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);
-  const Lightmap& light = *solution->light;
+  const lightmap::Lightmap& light = *solution->light;
   Baked baked;
   double square = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t) {
@@ -42,7 +43,7 @@ Baked bake(const kiln::test::ReadyScene& ready, const proto::SolverSettings& set
   return baked;
 }
 
-double sum(Rgb v) {
+double sum(math::Rgb v) {
   return double(v.r) + v.g + v.b;
 }
 
@@ -53,34 +54,34 @@ TEST_P(Scenes, GatherMeetsPath) {
   const Case& c = GetParam();
   proto::BakeSettings settings;
   settings.sky.radiance = {c.sky.r, c.sky.g, c.sky.b};
-  const kiln::test::ReadyScene ready(c.scene, 24, 64, settings);
+  const test::ReadyScene ready(c.scene, 24, 64, settings);
   proto::SolverSettings path;
   path.method = proto::Method::kPath;
-  path.samples = 256 / kiln::test::kSlowdown;
+  path.samples = 256 / test::kSlowdown;
   path.bounces = 6;
   const auto r1 = bake(ready, path).light;
   path.seed = 2;
   const auto r2 = bake(ready, path).light;
   proto::SolverSettings gather;
-  gather.samples = gather.direct_samples = 512 / kiln::test::kSlowdown;
+  gather.samples = gather.direct_samples = 512 / test::kSlowdown;
   gather.bounces = path.bounces;
   gather.coarse_indirect = false;
   const Baked baked = bake(ready, gather);
-  const std::vector<Rgb>& x = baked.light;
+  const std::vector<math::Rgb>& x = baked.light;
 
   double area = 0, mean = 0, bias = 0, square = 0, noise = 0, plain_mean = 0;
   for (std::uint32_t t = 0; t < x.size(); ++t) {
     const double a = ready.texels.area_m2[t], r = sum(r1[t] + r2[t]) / 2;
     area += a, mean += a * r, bias += a * (sum(x[t]) - r);
     noise += a * a * std::pow(sum(r1[t] - r2[t]) / 2, 2);  // variance of r, texel by texel
-    const Rgb d = (x[t] - r1[t]) * (x[t] - r2[t]);
+    const math::Rgb d = (x[t] - r1[t]) * (x[t] - r2[t]);
     square += sum(d) / 3 / double(x.size());
     plain_mean += r / 3 / double(x.size());
   }
   ASSERT_GT(mean, 0);
   const double relative_bias = bias / mean, uncertain = std::sqrt(noise) / mean;
   RecordProperty("bias_percent", std::to_string(100 * relative_bias));
-  EXPECT_LT(uncertain, 0.0015 * std::sqrt(kiln::test::kSlowdown))
+  EXPECT_LT(uncertain, 0.0015 * std::sqrt(test::kSlowdown))
       << "the references must be better than what they judge";
   EXPECT_LE(std::abs(relative_bias), 0.005 + 3 * uncertain);
   const double nrmse = std::sqrt(std::max(0.0, square)) / plain_mean;
@@ -99,4 +100,4 @@ INSTANTIATE_TEST_SUITE_P(OfEveryLight, Scenes,
                          [](const auto& c) { return std::string(c.param.scene); });
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

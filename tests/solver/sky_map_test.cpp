@@ -4,25 +4,25 @@
 
 #include <functional>
 
-#include "baker/solver/sampling.h"
-#include "baker/solver/sky_light.h"
-#include "baker/solver/sobol.h"
+#include "baker/light/sky_light.h"
+#include "baker/sampling/shapes.h"
+#include "baker/sampling/sobol.h"
 #include "tests/solver/quad_scene.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
-using Radiance = std::function<float(Vec3)>;
+using Radiance = std::function<float(math::Vec3)>;
 
 /// What a pixel of a map that is not turned shows at its middle.
 Vec3 direction_of(std::uint32_t x, std::uint32_t y, std::uint32_t rows) {
-  const float theta = kPi * (float(y) + 0.5f) / float(rows);
-  const float phi = 2 * kPi * ((float(x) + 0.5f) / float(2 * rows) - 0.5f);
+  const float theta = math::kPi * (float(y) + 0.5f) / float(rows);
+  const float phi = 2 * math::kPi * ((float(x) + 0.5f) / float(2 * rows) - 0.5f);
   return {std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)};
 }
 
-SkyMap grey_map(std::uint32_t rows, const Radiance& radiance) {
-  SkyMap map;
+scene::SkyMap grey_map(std::uint32_t rows, const Radiance& radiance) {
+  scene::SkyMap map;
   map.width = 2 * rows;
   map.height = rows;
   for (std::uint32_t y = 0; y < rows; ++y)
@@ -33,19 +33,19 @@ SkyMap grey_map(std::uint32_t rows, const Radiance& radiance) {
   return map;
 }
 
-Scene sky_scene(std::uint32_t rows, const Radiance& radiance) {
-  Scene scene;
+scene::Scene sky_scene(std::uint32_t rows, const Radiance& radiance) {
+  scene::Scene scene;
   scene.sky_map = grey_map(rows, radiance);
   return scene;
 }
 
 /// Sum over the map's pixels of radiance, solid angle and what `of` gives.
-double integral(const SkyMap& map, const std::function<double(Vec3)>& of) {
+double integral(const scene::SkyMap& map, const std::function<double(math::Vec3)>& of) {
   double sum = 0;
   for (std::uint32_t y = 0; y < map.height; ++y) {
-    const double sr =
-        (std::cos(double(kPi) * y / map.height) - std::cos(double(kPi) * (y + 1) / map.height)) *
-        2 * double(kPi) / map.width;
+    const double sr = (std::cos(double(math::kPi) * y / map.height) -
+                       std::cos(double(math::kPi) * (y + 1) / map.height)) *
+                      2 * double(math::kPi) / map.width;
     for (std::uint32_t x = 0; x < map.width; ++x)
       sum += double(map.texels[std::size_t(y) * map.width + x].g) * sr *
              of(direction_of(x, y, map.height));
@@ -53,11 +53,13 @@ double integral(const SkyMap& map, const std::function<double(Vec3)>& of) {
   return sum * double(map.scale);
 }
 
-const Vec3 kSun = normalize(Vec3{0.5f, 0.7f, 0.3f});
+const math::Vec3 kSun = normalize(math::Vec3{0.5f, 0.7f, 0.3f});
 
 /// A sky of 1 with a sun of so much, 2 degrees wide, over dark ground.
-Radiance sunny(float sun, Vec3 at = kSun) {
-  return [=](Vec3 d) { return dot(d, at) > std::cos(kPi / 180) ? sun : d.y > 0 ? 1.f : 0.1f; };
+Radiance sunny(float sun, math::Vec3 at = kSun) {
+  return [=](math::Vec3 d) {
+    return dot(d, at) > std::cos(math::kPi / 180) ? sun : d.y > 0 ? 1.f : 0.1f;
+  };
 }
 
 proto::SolverSettings samples(std::uint32_t n, proto::Method method = proto::Method::kGather) {
@@ -69,42 +71,44 @@ proto::SolverSettings samples(std::uint32_t n, proto::Method method = proto::Met
 }
 
 TEST(SkyLight, LooksWhereTheSettingsSay) {
-  Scene scene = sky_scene(64, [](Vec3) { return 0.f; });
-  SkyMap& map = scene.sky_map;
-  const auto pixel = [&](std::uint32_t x, std::uint32_t y) -> Rgb& {
+  scene::Scene scene = sky_scene(64, [](math::Vec3) { return 0.f; });
+  scene::SkyMap& map = scene.sky_map;
+  const auto pixel = [&](std::uint32_t x, std::uint32_t y) -> math::Rgb& {
     return map.texels[std::size_t(y) * map.width + x];
   };
   pixel(64, 32) = {1, 0, 0};  // the centre
   pixel(96, 32) = {0, 1, 0};  // half way to its right edge
   pixel(64, 8) = {0, 0, 1};   // above the centre
   map.scale = 2;
-  const auto seen = [&](Vec3 d) { return SkyLight(scene).seen(normalize(d)).radiance; };
-  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (Rgb{2, 0, 0}));
-  EXPECT_EQ(seen({-0.02f, -0.02f, 1}), (Rgb{0, 2, 0}));
-  EXPECT_EQ(seen({0.43f, 1, 0.01f}), (Rgb{0, 0, 2}));
-  EXPECT_EQ(seen({-1, 0, 0}), Rgb{});
-  map.rotation = kPi / 2;
-  EXPECT_EQ(seen({0.02f, -0.02f, -1}), (Rgb{2, 0, 0})) << "the centre is seen along -Z";
-  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (Rgb{0, 2, 0}));
+  const auto seen = [&](math::Vec3 d) {
+    return light::SkyLight(scene).seen(normalize(d)).radiance;
+  };
+  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (math::Rgb{2, 0, 0}));
+  EXPECT_EQ(seen({-0.02f, -0.02f, 1}), (math::Rgb{0, 2, 0}));
+  EXPECT_EQ(seen({0.43f, 1, 0.01f}), (math::Rgb{0, 0, 2}));
+  EXPECT_EQ(seen({-1, 0, 0}), math::Rgb{});
+  map.rotation = math::kPi / 2;
+  EXPECT_EQ(seen({0.02f, -0.02f, -1}), (math::Rgb{2, 0, 0})) << "the centre is seen along -Z";
+  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (math::Rgb{0, 2, 0}));
   scene.sky = {1, 1, 1};
-  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (Rgb{1, 3, 1}));
+  EXPECT_EQ(seen({1, -0.02f, 0.02f}), (math::Rgb{1, 3, 1}));
 }
 
 TEST(SkyLight, DrawsFromTheDensityThatItTells) {
   for (const float rotation : {0.f, 2.5f}) {
-    Scene scene = sky_scene(32, [](Vec3 d) {
+    scene::Scene scene = sky_scene(32, [](math::Vec3 d) {
       return d.y > 0.95f ? 30.f : d.x > 0.8f ? 5 + d.z : d.y < -0.99f ? 40.f : 0.5f;
     });
     scene.sky_map.rotation = rotation;
-    const SkyLight sky(scene);
+    const light::SkyLight sky(scene);
     ASSERT_TRUE(sky.has_bright_parts());
     // Of a function of the direction: the mean over samples of f / density is its integral over
     // where the density is positive.
-    const auto f = [](Vec3 d) { return 1 + 0.5 * d.x + 0.3 * d.y * d.z + d.z * d.z; };
+    const auto f = [](math::Vec3 d) { return 1 + 0.5 * d.x + 0.3 * d.y * d.z + d.z * d.z; };
     const int n = 1 << 16;
     double drawn = 0, exact = 0;
     for (int i = 0; i < n; ++i) {
-      const auto s = sky.sample(scrambled(sobol(std::uint32_t(i)), 7));
+      const auto s = sky.sample(scrambled(sampling::sobol(std::uint32_t(i)), 7));
       ASSERT_GT(s.seen.density, 0);
       ASSERT_NEAR(length(s.direction), 1, 1e-5);
       drawn += f(s.direction) / double(s.seen.density) / n;
@@ -114,9 +118,10 @@ TEST(SkyLight, DrawsFromTheDensityThatItTells) {
     for (int y = 0; y < side; ++y)
       for (int x = 0; x < side; ++x) {
         const float up = 1 - 2 * (float(y) + 0.5f) / side, flat = std::sqrt(1 - up * up);
-        const float phi = 2 * kPi * (float(x) + 0.5f) / side;
-        const Vec3 d{flat * std::cos(phi), up, flat * std::sin(phi)};
-        const double sr = 4 * double(kPi) / side / side, density = double(sky.seen(d).density);
+        const float phi = 2 * math::kPi * (float(x) + 0.5f) / side;
+        const math::Vec3 d{flat * std::cos(phi), up, flat * std::sin(phi)};
+        const double sr = 4 * double(math::kPi) / side / side,
+                     density = double(sky.seen(d).density);
         total += density * sr;
         exact += density > 0 ? f(d) * sr : 0;
       }
@@ -126,12 +131,13 @@ TEST(SkyLight, DrawsFromTheDensityThatItTells) {
 }
 
 TEST(SkyLight, ADirectionThatIsDrawnSeesItsPixel) {
-  const Scene scene = sky_scene(64, [](Vec3 d) { return d.x + d.y > 0.3f ? 2 + d.z : 0.1f; });
-  const SkyLight sky(scene);
+  const scene::Scene scene =
+      sky_scene(64, [](math::Vec3 d) { return d.x + d.y > 0.3f ? 2 + d.z : 0.1f; });
+  const light::SkyLight sky(scene);
   int others = 0;
   constexpr int kDraws = 10'000;
   for (std::uint32_t i = 0; i < kDraws; ++i) {
-    const auto s = sky.sample(scrambled(sobol(i), 3));
+    const auto s = sky.sample(scrambled(sampling::sobol(i), 3));
     others += !(sky.seen(s.direction).radiance == s.seen.radiance);
   }
   EXPECT_LT(others, kDraws / 500) << "all but those on the edge of two pixels";
@@ -139,25 +145,26 @@ TEST(SkyLight, ADirectionThatIsDrawnSeesItsPixel) {
 
 // The error of the light on an open plane, by as many directions in all.
 TEST(SkyLight, BothWaysTogetherAreFarBetterThanTheHemisphereAlone) {
-  const Scene scene = sky_scene(128, sunny(1e4f));
-  const SkyLight sky(scene);
-  const Frame up({0, 1, 0});
-  const double exact = integral(scene.sky_map, [](Vec3 d) { return std::max(0.f, d.y); });
-  const SkyShares shares(1, 1);
+  const scene::Scene scene = sky_scene(128, sunny(1e4f));
+  const light::SkyLight sky(scene);
+  const sampling::Frame up({0, 1, 0});
+  const double exact = integral(scene.sky_map, [](math::Vec3 d) { return std::max(0.f, d.y); });
+  const light::SkyShares shares(1, 1);
   constexpr std::uint32_t kEach = 32, kSeeds = 400;
   double both_square = 0, alone_square = 0, mean = 0;
   for (std::uint32_t seed = 0; seed < kSeeds; ++seed) {
     const auto cosine_sample = [&](std::uint32_t i) {
-      return up.to_world(cosine_direction(scrambled(sobol(i), hash(seed, 1))));
+      return up.to_world(
+          sampling::cosine_direction(scrambled(sampling::sobol(i), sampling::hash(seed, 1))));
     };
     double both = 0, alone = 0;
     for (std::uint32_t i = 0; i < 2 * kEach; ++i)
-      alone += double(kPi * sky.seen(cosine_sample(i)).radiance.g) / (2 * kEach);
+      alone += double(math::kPi * sky.seen(cosine_sample(i)).radiance.g) / (2 * kEach);
     for (std::uint32_t i = 0; i < kEach; ++i) {
-      const Vec3 d = cosine_sample(i);
+      const math::Vec3 d = cosine_sample(i);
       const auto seen = sky.seen(d);
-      both += double(kPi * seen.radiance.g * shares.of_cosine(seen.density, d.y)) / kEach;
-      const auto s = sky.sample(scrambled(sobol(i), hash(seed, 2)));
+      both += double(math::kPi * seen.radiance.g * shares.of_cosine(seen.density, d.y)) / kEach;
+      const auto s = sky.sample(scrambled(sampling::sobol(i), sampling::hash(seed, 2)));
       const float cosine = std::max(0.f, s.direction.y);
       both += double(s.seen.radiance.g * cosine * shares.of_bright(s.seen.density, cosine)) / kEach;
     }
@@ -173,14 +180,14 @@ TEST(SkyLight, BothWaysTogetherAreFarBetterThanTheHemisphereAlone) {
 }
 
 TEST(SkyLight, WorkersMakeTheSameTable) {
-  const Scene scene = sky_scene(61, [](Vec3 d) { return sunny(500)(d) + d.x * d.x; });
-  const SkyLight alone(scene);
+  const scene::Scene scene = sky_scene(61, [](math::Vec3 d) { return sunny(500)(d) + d.x * d.x; });
+  const light::SkyLight alone(scene);
   for (const unsigned threads : {1u, 3u}) {
-    ThreadPool pool(threads);
-    const Workers workers{pool, {}};
-    const SkyLight sky(scene, &workers);
+    exec::ThreadPool pool(threads);
+    const exec::Workers workers{pool, {}};
+    const light::SkyLight sky(scene, &workers);
     for (std::uint32_t i = 0; i < 4096; ++i) {
-      const Vec2 u = scrambled(sobol(i), 5);
+      const math::Vec2 u = scrambled(sampling::sobol(i), 5);
       const auto a = alone.sample(u), b = sky.sample(u);
       ASSERT_EQ(a.direction, b.direction);
       ASSERT_EQ(a.seen.density, b.seen.density);
@@ -190,21 +197,22 @@ TEST(SkyLight, WorkersMakeTheSameTable) {
 }
 
 TEST(SkyLight, AStopEndsTheTable) {
-  const Scene scene = sky_scene(32, sunny(500));
-  ThreadPool pool(2);
+  const scene::Scene scene = sky_scene(32, sunny(500));
+  exec::ThreadPool pool(2);
   std::stop_source stop;
-  const Workers workers{pool, stop.get_token()};
-  EXPECT_TRUE(SkyLight(scene, &workers).has_bright_parts());
+  const exec::Workers workers{pool, stop.get_token()};
+  EXPECT_TRUE(light::SkyLight(scene, &workers).has_bright_parts());
   stop.request_stop();
-  EXPECT_FALSE(SkyLight(scene, &workers).has_bright_parts()) << "all of it was made";
+  EXPECT_FALSE(light::SkyLight(scene, &workers).has_bright_parts()) << "all of it was made";
 }
 
 TEST(SkyLight, WhereNothingStandsOutNoDirectionsAreDrawn) {
-  EXPECT_FALSE(SkyLight(sky_scene(32, [](Vec3) { return 0.7f; })).has_bright_parts());
-  EXPECT_TRUE(SkyLight(sky_scene(32, [](Vec3 d) { return 1 + d.y; })).has_bright_parts());
-  Scene drowned = sky_scene(32, [](Vec3 d) { return 1 + d.y; });
+  EXPECT_FALSE(light::SkyLight(sky_scene(32, [](math::Vec3) { return 0.7f; })).has_bright_parts());
+  EXPECT_TRUE(
+      light::SkyLight(sky_scene(32, [](math::Vec3 d) { return 1 + d.y; })).has_bright_parts());
+  scene::Scene drowned = sky_scene(32, [](math::Vec3 d) { return 1 + d.y; });
   drowned.sky = {1e4f, 1e4f, 1e4f};
-  EXPECT_FALSE(SkyLight(drowned).has_bright_parts());
+  EXPECT_FALSE(light::SkyLight(drowned).has_bright_parts());
 }
 
 class SkyByEveryMethod : public testing::TestWithParam<proto::Method> {};
@@ -224,7 +232,7 @@ TEST_P(SkyByEveryMethod, AMapOfOneValueIsAUniformSky) {
   scene.scene().sky = {3, 3, 3};
   const Solution uniform = scene.solve(samples(64, GetParam()));
   scene.scene().sky = {1, 1, 1};
-  scene.scene().sky_map = grey_map(16, [](Vec3) { return 0.5f; });
+  scene.scene().sky_map = grey_map(16, [](math::Vec3) { return 0.5f; });
   scene.scene().sky_map.scale = 4;
   const Solution map = scene.solve(samples(64, GetParam()));
   for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
@@ -240,16 +248,16 @@ TEST_P(SkyByEveryMethod, ASunBringsItsSolidAngleTimesTheCosine) {
     const auto floor = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
     const auto wall = scene.add({{5, 0, 0}, {0, 1, 0}, {0, 0, 1}});  // faces +X
     scene.build();
-    SkyMap& map = scene.scene().sky_map;
+    scene::SkyMap& map = scene.scene().sky_map;
     map = grey_map(256, sunny(1e4f));
-    for (Rgb& c : map.texels)
+    for (math::Rgb& c : map.texels)
       if (c.g < 2) c = {};
     map.rotation = rotation;
     map.scale = 0.25f;
     const Solution solution = scene.solve(samples(64, GetParam()));
     // Few of the directions by cosine meet the sun; each of them adds about 1.5 %.
     const double scatter = GetParam() == proto::Method::kPath ? 0.05 : 0.01;
-    const auto expect = [&](std::uint32_t quad, const std::function<double(Vec3)>& cosine) {
+    const auto expect = [&](std::uint32_t quad, const std::function<double(math::Vec3)>& cosine) {
       const double e = integral(map, cosine);
       double mean = 0;
       const auto texels = scene.texels_of(quad);
@@ -259,10 +267,10 @@ TEST_P(SkyByEveryMethod, ASunBringsItsSolidAngleTimesTheCosine) {
       }
       EXPECT_NEAR(mean, e, scatter / 5 * e);
     };
-    expect(floor, [](Vec3 d) { return d.y; });
+    expect(floor, [](math::Vec3 d) { return d.y; });
     // The way to the sun turns with the map.
     const float c = std::cos(rotation), s = std::sin(rotation);
-    expect(wall, [=](Vec3 d) { return c * d.x + s * d.z; });
+    expect(wall, [=](math::Vec3 d) { return c * d.x + s * d.z; });
   }
 }
 
@@ -271,7 +279,7 @@ TEST_P(SkyByEveryMethod, ASkyThatVariesSlowly) {
   const auto up = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
   const auto down = scene.add({{-1, -1, -1}, {2, 0, 0}, {0, 0, 2}});
   scene.build();
-  scene.scene().sky_map = grey_map(128, [](Vec3 d) { return 1 + d.y; });
+  scene.scene().sky_map = grey_map(128, [](math::Vec3 d) { return 1 + d.y; });
   const Solution solution = scene.solve(samples(256, GetParam()));
   const auto mean = [&](std::uint32_t quad) {
     double sum = 0;
@@ -280,8 +288,8 @@ TEST_P(SkyByEveryMethod, ASkyThatVariesSlowly) {
     return sum;
   };
   // The integral of (1 + cosθ) cosθ over the hemisphere is π + 2π/3; below, π - 2π/3.
-  EXPECT_NEAR(mean(up), 5 * kPi / 3, 2e-3 * 5 * kPi / 3);
-  EXPECT_NEAR(mean(down), kPi / 3, 4e-3 * kPi / 3);
+  EXPECT_NEAR(mean(up), 5 * math::kPi / 3, 2e-3 * 5 * math::kPi / 3);
+  EXPECT_NEAR(mean(down), math::kPi / 3, 4e-3 * math::kPi / 3);
 }
 
 TEST_P(SkyByEveryMethod, TheSunCastsAShadow) {
@@ -289,12 +297,13 @@ TEST_P(SkyByEveryMethod, TheSunCastsAShadow) {
   const auto floor = scene.add({{-2, 0, -2}, {0, 0, 4}, {4, 0, 0}});
   scene.add({{-3, 1, -2}, {6, 0, 0}, {0, 0, 2}});  // a roof over the half at -Z, seen from below
   scene.build();
-  const Vec3 sun{0, std::cos(0.2f), std::sin(0.2f)};  // in front of it
+  const math::Vec3 sun{0, std::cos(0.2f), std::sin(0.2f)};  // in front of it
   scene.scene().sky_map = grey_map(256, sunny(1e4f, sun));
-  for (Rgb& c : scene.scene().sky_map.texels)
+  for (math::Rgb& c : scene.scene().sky_map.texels)
     if (c.g < 2) c = {};
   const Solution solution = scene.solve(samples(64, GetParam()));
-  const double open = integral(scene.scene().sky_map, [](Vec3 d) { return std::max(0.f, d.y); });
+  const double open =
+      integral(scene.scene().sky_map, [](math::Vec3 d) { return std::max(0.f, d.y); });
   const double edge = -std::tan(0.2);  // of the shadow, in z; the penumbra is 0.05 m wide
   int lit = 0, dark = 0;
   for (const std::uint32_t t : scene.texels_of(floor)) {
@@ -318,8 +327,8 @@ INSTANTIATE_TEST_SUITE_P(, SkyByEveryMethod,
                          });
 
 /// See Agreement.*
-double nrmse(const QuadScene& scene, const std::function<Rgb(std::uint32_t)>& x, const Solution& a,
-             const Solution& b) {
+double nrmse(const QuadScene& scene, const std::function<math::Rgb(std::uint32_t)>& x,
+             const Solution& a, const Solution& b) {
   double square = 0, mean = 0;
   for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
     const double e = luminance(x(t)), p = luminance(a.light->irradiance(t)),
@@ -333,9 +342,10 @@ double nrmse(const QuadScene& scene, const std::function<Rgb(std::uint32_t)>& x,
 
 TEST(SkyMapAgreement, GatherMeetsPathUnderASun) {
   QuadScene scene = yard(64);
-  SkyMap& map = scene.scene().sky_map;
+  scene::SkyMap& map = scene.scene().sky_map;
   map = grey_map(256, sunny(1e4f));
-  for (Rgb& c : map.texels) c = c.g > 2 ? Rgb{c.g, 0.9f * c.g, 0.7f * c.g} : c * Rgb{0.4f, 0.7f, 1};
+  for (math::Rgb& c : map.texels)
+    c = c.g > 2 ? math::Rgb{c.g, 0.9f * c.g, 0.7f * c.g} : c * math::Rgb{0.4f, 0.7f, 1};
   map.rotation = 0.7f;
   auto paths = samples(256, proto::Method::kPath);
   paths.bounces = 16;
@@ -414,7 +424,7 @@ TEST(SkyMapAgreement, EveryRayPatternSeesTheSameSky) {
     double sky = 0;
     for (s.seed = 1; s.seed <= kSeeds; ++s.seed) {
       const Solution solution = scene.solve(s);
-      for (const Rgb c : solution.light->sky) sky += double(luminance(c)) / kSeeds;
+      for (const math::Rgb c : solution.light->sky) sky += double(luminance(c)) / kSeeds;
     }
     if (first == 0) first = sky;
     EXPECT_NEAR(sky, first, 2e-3 * first);
@@ -422,4 +432,4 @@ TEST(SkyMapAgreement, EveryRayPatternSeesTheSameSky) {
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

@@ -4,7 +4,7 @@
 
 #include "tests/solver/cornell_box.h"
 
-namespace kiln::baker::test {
+namespace kiln::solver {
 namespace {
 
 using proto::Technique;
@@ -19,7 +19,7 @@ proto::SolverSettings fixed(std::uint32_t samples, std::vector<Technique> withou
   return s;
 }
 
-double mean(const Plane<Rgb>& light) {
+double mean(const lightmap::Plane<math::Rgb>& light) {
   double sum = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t) sum += light[t].g;
   return sum / double(light.size());
@@ -28,7 +28,7 @@ double mean(const Plane<Rgb>& light) {
 /// A hall of 100 small lamps, a quarter of them hidden from the floor by a shelf.
 std::unique_ptr<QuadScene> hall() {
   auto hall = std::make_unique<QuadScene>(256);
-  const Rgb grey{0.5f, 0.5f, 0.5f};
+  const math::Rgb grey{0.5f, 0.5f, 0.5f};
   hall->add({{-5, 0, -5}, {0, 0, 10}, {10, 0, 0}, grey});
   hall->add({{-5, 2.5f, -5}, {2.5f, 0, 0}, {0, 0, 10}, grey});
   for (int i = 0; i < 100; ++i)
@@ -44,12 +44,12 @@ std::unique_ptr<QuadScene> hall() {
 TEST(Techniques, LowDiscrepancyMakesErrorsFallFaster) {
   const auto box = cornell(64);
   const std::vector<Technique> random{Technique::kLowDiscrepancy};
-  const double few = scatter(*box, fixed(64, random), &Lightmap::indirect);
-  const double many = scatter(*box, fixed(256, random), &Lightmap::indirect);
+  const double few = scatter(*box, fixed(64, random), &lightmap::Lightmap::indirect);
+  const double many = scatter(*box, fixed(256, random), &lightmap::Lightmap::indirect);
   EXPECT_NEAR(many / few, 0.5, 0.05) << "random points: N^-1/2";
-  EXPECT_LT(scatter(*box, fixed(256), &Lightmap::indirect), many / 2);
-  EXPECT_LT(scatter(*box, fixed(256), &Lightmap::direct),
-            scatter(*box, fixed(256, random), &Lightmap::direct));
+  EXPECT_LT(scatter(*box, fixed(256), &lightmap::Lightmap::indirect), many / 2);
+  EXPECT_LT(scatter(*box, fixed(256), &lightmap::Lightmap::direct),
+            scatter(*box, fixed(256, random), &lightmap::Lightmap::direct));
   const auto sampled = box->solve(fixed(256, random)), net = box->solve(fixed(256));
   const double error = few / 2 / std::sqrt(double(box->texels().size()));
   // Bounces carry errors on: a few standard errors.
@@ -59,8 +59,8 @@ TEST(Techniques, LowDiscrepancyMakesErrorsFallFaster) {
 TEST(Techniques, TheClosedFormLeavesNoiseInHalfShadowsOnly) {
   const auto box = cornell(64);
   const std::vector<Technique> sampled{Technique::kClosedForm};
-  const double without = scatter(*box, fixed(256, sampled), &Lightmap::direct);
-  EXPECT_LT(scatter(*box, fixed(256), &Lightmap::direct), without / 1.2);
+  const double without = scatter(*box, fixed(256, sampled), &lightmap::Lightmap::direct);
+  EXPECT_LT(scatter(*box, fixed(256), &lightmap::Lightmap::direct), without / 1.2);
   EXPECT_NEAR(mean(box->solve(fixed(256, sampled)).light->direct) /
                   mean(box->solve(fixed(256)).light->direct),
               1, 0.002);
@@ -69,8 +69,8 @@ TEST(Techniques, TheClosedFormLeavesNoiseInHalfShadowsOnly) {
 TEST(Techniques, ImportanceChoosesAmongManyLights) {
   const auto scene = hall();
   const std::vector<Technique> by_power{Technique::kLightImportance};
-  const double without = scatter(*scene, fixed(64, by_power), &Lightmap::direct);
-  EXPECT_LT(scatter(*scene, fixed(64), &Lightmap::direct), without / 1.5);
+  const double without = scatter(*scene, fixed(64, by_power), &lightmap::Lightmap::direct);
+  EXPECT_LT(scatter(*scene, fixed(64), &lightmap::Lightmap::direct), without / 1.5);
   const double error = without / 2 / std::sqrt(double(scene->texels().size()));
   EXPECT_NEAR(mean(scene->solve(fixed(256, by_power)).light->direct) /
                   mean(scene->solve(fixed(256)).light->direct),
@@ -84,10 +84,10 @@ TEST(Techniques, ProbesSaveShadowRays) {
   const Solution probed = box->solve(fixed(64)), sent = box->solve(fixed(64, all));
   EXPECT_LT(double(rays(probed)), 0.7 * double(rays(sent)));
   EXPECT_NEAR(mean(probed.light->direct) / mean(sent.light->direct), 1, 0.001);
-  EXPECT_NEAR(scatter(*box, fixed(64), &Lightmap::direct) /
-                  scatter(*box, fixed(64, all), &Lightmap::direct),
+  EXPECT_NEAR(scatter(*box, fixed(64), &lightmap::Lightmap::direct) /
+                  scatter(*box, fixed(64, all), &lightmap::Lightmap::direct),
               1, 0.15);
 }
 
 }  // namespace
-}  // namespace kiln::baker::test
+}  // namespace kiln::solver

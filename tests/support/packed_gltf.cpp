@@ -1,4 +1,4 @@
-#include "support/packed_gltf.h"
+#include "tests/support/packed_gltf.h"
 
 #include <draco/compression/encode.h>
 #include <meshoptimizer.h>

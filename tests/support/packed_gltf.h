@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "support/gltf_builder.h"
+#include "tests/support/gltf_builder.h"
 
 namespace kiln::test {
 

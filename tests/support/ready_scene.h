@@ -6,12 +6,12 @@
 
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
-#include "baker/scene/import.h"
+#include "baker/import/import.h"
+#include "baker/light/light_set.h"
 #include "baker/scene/scene.h"
-#include "baker/solver/light_set.h"
 #include "baker/solver/solver.h"
-#include "baker/solver/texel_lookup.h"
 #include "baker/trace/ray_scene.h"
+#include "baker/trace/texel_surface.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
 #include "tests/support/temp_files.h"
@@ -29,7 +29,7 @@ T must(proto::Expected<T> result) {
 class SceneFile {
  public:
   explicit SceneFile(std::string_view generator, std::uint32_t detail = 0);
-  baker::SceneFiles files() const { return {path_, {}}; }
+  files::SceneFiles files() const { return {path_, {}}; }
 
  private:
   TempFolder folder_;
@@ -39,12 +39,12 @@ class SceneFile {
 /// A generated scene after everything that comes before the solver. Its members refer to each
 /// other, so it stays where it is.
 struct ReadyScene {
-  baker::Scene scene;
-  baker::Atlas atlas;
-  baker::TextureGroup texels;
-  baker::RayScene rays;
-  baker::LightSet lights;
-  baker::TexelLookup lookup;
+  scene::Scene scene;
+  atlas::Atlas atlas;
+  atlas::TextureGroup texels;
+  trace::RayScene rays;
+  light::LightSet lights;
+  trace::TexelLookup lookup;
 
   /// @param settings those that import reads: sky and lights
   ReadyScene(std::string_view generator, std::uint32_t detail, std::uint32_t page_size,
@@ -52,10 +52,10 @@ struct ReadyScene {
   ReadyScene(const ReadyScene&) = delete;
   ReadyScene& operator=(const ReadyScene&) = delete;
 
-  baker::SolverInput input(const proto::SolverSettings& settings,
-                           const proto::QualitySettings& quality = {}) const {
+  solver::SolverInput input(const proto::SolverSettings& settings,
+                            const proto::QualitySettings& quality = {}) const {
     return {scene,  atlas,  texels,   rays,
-            lights, lookup, settings, baker::sample_plan(settings, quality)};
+            lights, lookup, settings, solver::sample_plan(settings, quality)};
   }
 };
 

@@ -12,8 +12,8 @@ namespace kiln::test {
 /// A triangle mesh; `uv` is TEXCOORD_1, empty for none. Vertices that the triangles share are
 /// smooth.
 struct Mesh {
-  std::vector<baker::Vec3> positions;
-  std::vector<baker::Vec2> uv;
+  std::vector<math::Vec3> positions;
+  std::vector<math::Vec2> uv;
   std::vector<std::array<std::uint32_t, 3>> triangles;
 
   Mesh& append(const Mesh& other) {
@@ -28,8 +28,8 @@ struct Mesh {
 
 /// Parallelogram corner, corner + u, corner + u + v, corner + v; front towards cross(u, v).
 /// Its uv spans the rectangle [uv_min, uv_max]: u along x, v along y.
-inline Mesh quad(baker::Vec3 corner, baker::Vec3 u, baker::Vec3 v, baker::Vec2 uv_min = {0, 0},
-                 baker::Vec2 uv_max = {1, 1}) {
+inline Mesh quad(math::Vec3 corner, math::Vec3 u, math::Vec3 v, math::Vec2 uv_min = {0, 0},
+                 math::Vec2 uv_max = {1, 1}) {
   return {{corner, corner + u, corner + u + v, corner + v},
           {uv_min, {uv_max.x, uv_min.y}, uv_max, {uv_min.x, uv_max.y}},
           {{0, 1, 2}, {0, 2, 3}}};
@@ -38,7 +38,7 @@ inline Mesh quad(baker::Vec3 corner, baker::Vec3 u, baker::Vec3 v, baker::Vec2 u
 /// Axis-parallel cube with flat faces, without uv.
 inline Mesh cube(float side) {
   const float h = side / 2;
-  const baker::Vec3 x{side, 0, 0}, y{0, side, 0}, z{0, 0, side};
+  const math::Vec3 x{side, 0, 0}, y{0, side, 0}, z{0, 0, side};
   Mesh m;
   m.append(quad({-h, -h, h}, x, y)).append(quad({h, -h, -h}, -x, y));
   m.append(quad({h, -h, h}, -z, y)).append(quad({-h, -h, -h}, z, y));
@@ -53,9 +53,9 @@ inline Mesh sphere(float radius, std::uint32_t rings) {
   Mesh m;
   m.positions.push_back({0, radius, 0});
   for (std::uint32_t r = 1; r < rings; ++r) {
-    const float theta = baker::kPi * float(r) / float(rings);
+    const float theta = math::kPi * float(r) / float(rings);
     for (std::uint32_t s = 0; s < segments; ++s) {
-      const float phi = 2 * baker::kPi * float(s) / float(segments);
+      const float phi = 2 * math::kPi * float(s) / float(segments);
       m.positions.push_back({radius * std::sin(theta) * std::cos(phi), radius * std::cos(theta),
                              -radius * std::sin(theta) * std::sin(phi)});
     }
@@ -79,14 +79,14 @@ inline Mesh sphere(float radius, std::uint32_t rings) {
 /// Collects meshes into a Scene as the import would: one part per mesh, flat arrays.
 class SceneBuilder {
  public:
-  std::uint32_t material(const baker::Material& m) {
+  std::uint32_t material(const scene::Material& m) {
     scene_.materials.push_back(m);
     return std::uint32_t(scene_.materials.size() - 1);
   }
   /// Begins a node; its parts follow. `mesh`: index in the imaginary glTF, nodes + 0 when not
   /// given.
   SceneBuilder& instance(std::int32_t mesh = -1) {
-    baker::Instance i;
+    scene::Instance i;
     i.node = std::uint32_t(scene_.instances.size());
     i.mesh = mesh < 0 ? i.node : std::uint32_t(mesh);
     i.name = "node" + std::to_string(i.node);
@@ -95,10 +95,10 @@ class SceneBuilder {
     return *this;
   }
   /// Adds a part to the last instance, moved by `offset`. Normals: mean of the faces at a vertex.
-  SceneBuilder& part(const Mesh& mesh, std::uint32_t material = 0, baker::Vec3 offset = {}) {
+  SceneBuilder& part(const Mesh& mesh, std::uint32_t material = 0, math::Vec3 offset = {}) {
     if (scene_.instances.empty()) instance();
     if (scene_.materials.empty()) scene_.materials.push_back({{0.5f, 0.5f, 0.5f}, {}, {}, {}});
-    baker::Part p;
+    scene::Part p;
     p.instance = std::uint32_t(scene_.instances.size() - 1);
     p.primitive = scene_.instances.back().part_count++;
     p.material = material;
@@ -107,10 +107,10 @@ class SceneBuilder {
     p.first_triangle = std::uint32_t(scene_.triangles.size());
     p.triangle_count = std::uint32_t(mesh.triangles.size());
     p.has_lightmap_uv = !mesh.uv.empty();
-    std::vector<baker::Vec3> normals(mesh.positions.size());
+    std::vector<math::Vec3> normals(mesh.positions.size());
     for (const auto& t : mesh.triangles) {
-      const baker::Vec3 a = mesh.positions[t[0]];
-      const baker::Vec3 n = cross(mesh.positions[t[1]] - a, mesh.positions[t[2]] - a);
+      const math::Vec3 a = mesh.positions[t[0]];
+      const math::Vec3 n = cross(mesh.positions[t[1]] - a, mesh.positions[t[2]] - a);
       for (const std::uint32_t v : t) normals[v] += n;
       scene_.triangles.push_back(
           {t[0] + p.first_vertex, t[1] + p.first_vertex, t[2] + p.first_vertex});
@@ -119,7 +119,7 @@ class SceneBuilder {
     for (std::uint32_t v = 0; v < p.vertex_count; ++v) {
       scene_.positions.push_back(mesh.positions[v] + offset);
       scene_.normals.push_back(normalize(normals[v]));
-      scene_.lightmap_uv.push_back(mesh.uv.empty() ? baker::Vec2{} : mesh.uv[v]);
+      scene_.lightmap_uv.push_back(mesh.uv.empty() ? math::Vec2{} : mesh.uv[v]);
       scene_.base_uv.push_back({});
       scene_.emission_uv.push_back({});
       scene_.colors.push_back({1, 1, 1, 1});
@@ -128,11 +128,11 @@ class SceneBuilder {
     scene_.parts.push_back(p);
     return *this;
   }
-  baker::Scene& scene() { return scene_; }
-  baker::Scene build() { return std::move(scene_); }
+  scene::Scene& scene() { return scene_; }
+  scene::Scene build() { return std::move(scene_); }
 
  private:
-  baker::Scene scene_;
+  scene::Scene scene_;
 };
 
 }  // namespace kiln::test

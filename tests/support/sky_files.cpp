@@ -1,4 +1,4 @@
-#include "support/sky_files.h"
+#include "tests/support/sky_files.h"
 
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
@@ -16,11 +16,11 @@
 namespace kiln::test {
 namespace {
 
-using baker::Rgb;
+using math::Rgb;
 using Rgbe = std::array<unsigned char, 4>;
 
 Rgbe rgbe(Rgb c) {
-  const float brightest = baker::max_channel(c);
+  const float brightest = math::max_channel(c);
   if (!(brightest > 1e-32f)) return {};
   int exponent = 0;
   const float scale = std::frexp(brightest, &exponent) * 256 / brightest;

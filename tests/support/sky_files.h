@@ -13,16 +13,16 @@ namespace kiln::test {
 /// A picture of the sky to be written into a file. Row 0 = top.
 struct SkyPicture {
   std::uint32_t width = 0, height = 0;
-  std::vector<baker::Rgb> pixels;
+  std::vector<math::Rgb> pixels;
 
   /// From the radiance by direction, at the middles of the pixels. What a scene sees of it when it
   /// is not turned.
-  SkyPicture(std::uint32_t rows, const std::function<baker::Rgb(baker::Vec3)>& radiance)
+  SkyPicture(std::uint32_t rows, const std::function<math::Rgb(math::Vec3)>& radiance)
       : width(2 * rows), height(rows) {
     for (std::uint32_t y = 0; y < height; ++y)
       for (std::uint32_t x = 0; x < width; ++x) {
-        const float theta = baker::kPi * (float(y) + 0.5f) / float(height);
-        const float phi = 2 * baker::kPi * ((float(x) + 0.5f) / float(width) - 0.5f);
+        const float theta = math::kPi * (float(y) + 0.5f) / float(height);
+        const float phi = 2 * math::kPi * ((float(x) + 0.5f) / float(width) - 0.5f);
         pixels.push_back(radiance(
             {std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)}));
       }
@@ -34,7 +34,7 @@ enum class HdrRows { kPacked, kPlain, kRepeated };
 /// @param lines more of the header, each with its end
 std::string hdr_file(const SkyPicture&, HdrRows = HdrRows::kPacked, const std::string& lines = "");
 /// What is left of a value in such a file.
-baker::Rgb hdr_rounded(baker::Rgb);
+math::Rgb hdr_rounded(math::Rgb);
 
 struct ExrStorage {
   bool half = false, tiled = false;

@@ -3,7 +3,7 @@
 
 #include "baker/output/lit/geometry.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 constexpr int kVertexTarget = 34962, kIndexTarget = 34963;
@@ -118,4 +118,4 @@ proto::Expected<std::uint32_t> AccessorWriter::gather(std::uint64_t index,
   return made;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

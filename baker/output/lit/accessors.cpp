@@ -3,10 +3,10 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "baker/gltf/component.h"
 #include "baker/output/lit/document.h"
-#include "baker/scene/component.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 using proto::Expected;
@@ -67,7 +67,7 @@ void SourceAccessor::read(std::uint64_t i, char* out) const {
   }
 }
 
-Expected<SourceAccessor> LitDocument::accessor(std::uint64_t index) const {
+proto::Expected<SourceAccessor> LitDocument::accessor(std::uint64_t index) const {
   const auto bad = [&](const char* why) {
     return proto::fail("invalid_scene", why, "scene", "/accessors/" + std::to_string(index));
   };
@@ -82,7 +82,8 @@ Expected<SourceAccessor> LitDocument::accessor(std::uint64_t index) const {
   out.count = *count;
   const auto kind = a.find("type");
   if (kind == a.end() || !kind->is_string()) return bad("has no type");
-  out.element_bytes = component_bytes(*type) * component_count(kind->get_ref<const std::string&>());
+  out.element_bytes =
+      gltf::component_bytes(*type) * component_count(kind->get_ref<const std::string&>());
   if (out.element_bytes == 0) return bad("has an unknown type");
   const auto view_bytes = [&](std::uint64_t v) {
     return v < views_.size() ? views_[v] : std::optional<std::string_view>();
@@ -107,7 +108,7 @@ Expected<SourceAccessor> LitDocument::accessor(std::uint64_t index) const {
   const auto value_view = count_at(values, "bufferView", kNone);
   const auto index_type = count_at(indices, "componentType", 0);
   if (!index_view || !value_view || !index_type) return bad("is not sparse");
-  const std::uint32_t size = component_bytes(*index_type);
+  const std::uint32_t size = gltf::component_bytes(*index_type);
   const auto index_data = view_bytes(*index_view), value_data = view_bytes(*value_view);
   if (!index_data || !value_data || size == 0) return bad("has no sparse data");
   const auto index_bytes =
@@ -123,4 +124,4 @@ Expected<SourceAccessor> LitDocument::accessor(std::uint64_t index) const {
   return out;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

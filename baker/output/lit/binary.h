@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 
 /// The BIN chunk of a .glb while it grows: pieces that are written one after the other, so that a
 /// source of a gigabyte is not copied. Every piece starts at a multiple of 4.
@@ -35,4 +35,4 @@ class GlbBinary {
   std::uint64_t size_ = 0;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

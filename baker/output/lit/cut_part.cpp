@@ -3,7 +3,7 @@
 
 #include "baker/output/lit/geometry.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 using Key = std::array<std::uint32_t, 3>;  // source vertex, bits of u, bits of v
@@ -18,8 +18,8 @@ struct Corner {
   }
 };
 
-std::map<std::uint32_t, std::vector<std::uint32_t>> triangles_by_page(const Atlas& atlas,
-                                                                      const Part& part) {
+std::map<std::uint32_t, std::vector<std::uint32_t>> triangles_by_page(const atlas::Atlas& atlas,
+                                                                      const scene::Part& part) {
   std::map<std::uint32_t, std::vector<std::uint32_t>> out;
   for (std::uint32_t t = part.first_triangle; t < part.first_triangle + part.triangle_count; ++t)
     out[atlas.page_of(t)].push_back(t);
@@ -27,14 +27,14 @@ std::map<std::uint32_t, std::vector<std::uint32_t>> triangles_by_page(const Atla
 }
 
 /// Corners in the source's winding.
-std::vector<Corner> corners_of(const Scene& scene, const Atlas& atlas,
+std::vector<Corner> corners_of(const scene::Scene& scene, const atlas::Atlas& atlas,
                                const std::vector<std::uint32_t>& triangles, bool mirrored) {
   static constexpr std::array<int, 3> kStraight{0, 1, 2}, kSwapped{0, 2, 1};
   std::vector<Corner> out;
   out.reserve(triangles.size() * 3);
   for (const std::uint32_t t : triangles)
     for (const int c : mirrored ? kSwapped : kStraight) {
-      const AtlasVertex& v = atlas.vertices[atlas.triangles[t][std::size_t(c)]];
+      const atlas::AtlasVertex& v = atlas.vertices[atlas.triangles[t][std::size_t(c)]];
       out.push_back({scene.source_vertex[v.scene_vertex],
                      {v.uv.x / float(atlas.page_size), v.uv.y / float(atlas.page_size)}});
     }
@@ -73,9 +73,9 @@ void split_vertices(LitPiece& piece, const std::vector<Corner>& corners) {
 
 }  // namespace
 
-std::vector<LitPiece> cut_part(const Scene& scene, const Atlas& atlas, std::uint32_t part_index,
-                               std::uint64_t source_vertices) {
-  const Part& part = scene.parts[part_index];
+std::vector<LitPiece> cut_part(const scene::Scene& scene, const atlas::Atlas& atlas,
+                               std::uint32_t part_index, std::uint64_t source_vertices) {
+  const scene::Part& part = scene.parts[part_index];
   const auto pages = triangles_by_page(atlas, part);
   std::vector<LitPiece> out;
   for (const auto& [page, triangles] : pages) {
@@ -91,4 +91,4 @@ std::vector<LitPiece> cut_part(const Scene& scene, const Atlas& atlas, std::uint
   return out;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

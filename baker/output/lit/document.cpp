@@ -5,13 +5,13 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "baker/scene/container.h"
-#include "baker/scene/draco_document.h"
-#include "baker/scene/meshopt_decoder.h"
-#include "baker/scene/uri.h"
+#include "baker/gltf/container.h"
+#include "baker/gltf/draco_document.h"
+#include "baker/gltf/meshopt_decoder.h"
+#include "baker/gltf/uri.h"
 #include "proto/files.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 using proto::Expected;
@@ -38,14 +38,14 @@ std::string u32_bytes(std::uint64_t value) {
 
 }  // namespace
 
-LitDocument::LitDocument(const SceneFiles& files) : files_(files) {}
+LitDocument::LitDocument(const files::SceneFiles& files) : files_(files) {}
 LitDocument::~LitDocument() = default;
 
-Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files) {
+proto::Expected<std::unique_ptr<LitDocument>> LitDocument::open(const files::SceneFiles& files) {
   std::unique_ptr<LitDocument> doc(new LitDocument(files));
-  auto file = map_file(files, files.main, MappedFile::kAnyLength);
+  auto file = map_file(files, files.main, files::MappedFile::kAnyLength);
   if (!file) return Unexpected(file.error());
-  const auto container = open_container(doc->mapped_.emplace_back(std::move(*file)).bytes());
+  const auto container = gltf::open_container(doc->mapped_.emplace_back(std::move(*file)).bytes());
   if (!container) return Unexpected(container.error());
   doc->json_ = std::make_unique<Json>(Json::parse(container->json, nullptr, false));
   if (!doc->json_->is_object())
@@ -60,7 +60,7 @@ Expected<std::unique_ptr<LitDocument>> LitDocument::open(const SceneFiles& files
   return doc;
 }
 
-Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary) {
+proto::Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary) {
   const Json& buffers = json().value("buffers", Json::array());
   for (std::size_t i = 0; i < buffers.size(); ++i) {
     const std::string at = "/buffers/" + std::to_string(i);
@@ -68,14 +68,14 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
     std::optional<std::string_view> bytes;
     if (i == 0) bytes = binary;
     const std::string uri = buffers[i].value("uri", "");
-    if (is_data_uri(uri)) {
-      auto data = decode_data_uri(uri, at + "/uri");
+    if (gltf::is_data_uri(uri)) {
+      auto data = gltf::decode_data_uri(uri, at + "/uri");
       if (!data) return Unexpected(data.error());
       bytes = decoded_.emplace_back(std::move(data->bytes));
     } else if (!uri.empty()) {
-      const auto path = find_side_file(files_, uri, at + "/uri");
+      const auto path = gltf::find_side_file(files_, uri, at + "/uri");
       if (!path) return Unexpected(path.error());
-      auto file = map_file(files_, *path, MappedFile::kAnyLength);
+      auto file = map_file(files_, *path, files::MappedFile::kAnyLength);
       if (!file) return Unexpected(file.error());
       bytes = mapped_.emplace_back(std::move(*file)).bytes();
     }
@@ -87,7 +87,7 @@ Expected<void> LitDocument::load_buffers(std::optional<std::string_view> binary)
   return {};
 }
 
-Expected<void> LitDocument::load_views() {
+proto::Expected<void> LitDocument::load_views() {
   const Json& views = json().value("bufferViews", Json::array());
   for (std::size_t i = 0; i < views.size(); ++i) {
     const auto buffer = count_at(views[i], "buffer", std::numeric_limits<std::uint64_t>::max());
@@ -119,9 +119,9 @@ std::optional<std::string_view> LitDocument::unpack(const Json& view) {
   const auto offset = number(from, "byteOffset"), length = number(from, "byteLength");
   const std::string_view data = *buffers_[buffer];
   if (offset > data.size() || length > data.size() - offset) return std::nullopt;
-  const MeshoptView spec{number(from, "count"), number(from, "byteStride"),
-                         from.value("mode", std::string()),
-                         from.value("filter", std::string("NONE"))};
+  const gltf::MeshoptView spec{number(from, "count"), number(from, "byteStride"),
+                               from.value("mode", std::string()),
+                               from.value("filter", std::string("NONE"))};
   if (!wrong_with(spec, length, number(view, "byteLength"), number(view, "byteStride")).empty())
     return std::nullopt;
   std::string& plain = decoded_.emplace_back();
@@ -175,7 +175,8 @@ Expected<void> LitDocument::unpack_meshes() {
     if (stride > 0) view["byteStride"] = stride;
     return std::size_t{this->add("bufferViews", std::move(view))};
   };
-  return DracoUnpacker<Json>(json(), {bytes, add}, std::numeric_limits<std::uint64_t>::max()).run();
+  return gltf::DracoUnpacker<Json>(json(), {bytes, add}, std::numeric_limits<std::uint64_t>::max())
+      .run();
 }
 
 Json& extensions_of(Json& object) {
@@ -185,13 +186,13 @@ Json& extensions_of(Json& object) {
 }
 
 std::optional<std::string> LitDocument::image_bytes(const std::string& uri) const {
-  if (is_data_uri(uri)) {
-    auto data = decode_data_uri(uri, "");
+  if (gltf::is_data_uri(uri)) {
+    auto data = gltf::decode_data_uri(uri, "");
     return data ? std::optional(std::move(data->bytes)) : std::nullopt;
   }
-  const auto path = find_side_file(files_, uri, "");
+  const auto path = gltf::find_side_file(files_, uri, "");
   if (!path) return std::nullopt;
-  const auto file = map_file(files_, *path, MappedFile::kAnyLength);
+  const auto file = map_file(files_, *path, files::MappedFile::kAnyLength);
   return file ? std::optional(std::string(file->bytes())) : std::nullopt;
 }
 
@@ -235,12 +236,12 @@ std::uint32_t LitDocument::add_view(std::string bytes, int target, std::uint32_t
   return add("bufferViews", std::move(view));
 }
 
-Expected<void> LitDocument::write(int fd) {
+proto::Expected<void> LitDocument::write(int fd) {
   json()["buffers"][0]["byteLength"] = binary_.size();
   std::string text = json().dump();
   text.append((4 - text.size() % 4) % 4, ' ');
   const std::uint64_t total = 12 + 8 + text.size() + 8 + binary_.size();
-  if (total > kMaxGlbBytes)
+  if (total > gltf::kMaxGlbBytes)
     return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
 
   const std::string head = std::string("glTF") + u32_bytes(2) + u32_bytes(total) +
@@ -252,4 +253,4 @@ Expected<void> LitDocument::write(int fd) {
   return {};
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

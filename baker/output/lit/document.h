@@ -9,12 +9,12 @@
 #include <string_view>
 #include <vector>
 
+#include "baker/files/mapped_file.h"
+#include "baker/import/import.h"
 #include "baker/output/lit/binary.h"
-#include "baker/scene/import.h"
-#include "baker/scene/mapped_file.h"
 #include "proto/expected.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 
 using Json = nlohmann::ordered_json;
 
@@ -36,7 +36,7 @@ struct SourceAccessor {
 class LitDocument {
  public:
   /// Errors: `invalid_scene`, `missing_file` (neither can happen to files that were imported).
-  static proto::Expected<std::unique_ptr<LitDocument>> open(const SceneFiles&);
+  static proto::Expected<std::unique_ptr<LitDocument>> open(const files::SceneFiles&);
   ~LitDocument();
   LitDocument(const LitDocument&) = delete;
   LitDocument& operator=(const LitDocument&) = delete;
@@ -55,7 +55,7 @@ class LitDocument {
   proto::Expected<void> write(int fd);
 
  private:
-  explicit LitDocument(const SceneFiles& files);
+  explicit LitDocument(const files::SceneFiles& files);
   proto::Expected<void> load_buffers(std::optional<std::string_view> binary);
   proto::Expected<void> load_views();
   std::optional<std::string_view> unpack(const Json& view);
@@ -65,8 +65,8 @@ class LitDocument {
   void embed_images();
   std::optional<std::string> image_bytes(const std::string& uri) const;
 
-  SceneFiles files_;
-  std::deque<MappedFile> mapped_;  ///< the main file, then side files
+  files::SceneFiles files_;
+  std::deque<files::MappedFile> mapped_;  ///< the main file, then side files
   std::unique_ptr<Json> json_;
   std::deque<std::string> decoded_;                       ///< what data URIs and packed views held
   std::vector<std::optional<std::string_view>> buffers_;  ///< of the source; nothing: no data
@@ -86,4 +86,4 @@ Json& extensions_of(Json& object);
 /// Components of a glTF element type; 0 for unknown ones.
 std::uint32_t component_count(std::string_view type);
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

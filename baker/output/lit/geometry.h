@@ -11,7 +11,7 @@
 #include "baker/output/lit/document.h"
 #include "baker/scene/scene.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 
 /// The triangles of one part that lie on one page, as lit.glb needs them.
 struct LitPiece {
@@ -26,7 +26,7 @@ struct LitPiece {
 
 /// `source_vertices`: the count of the primitive's POSITION accessor. One piece per page that the
 /// part lies on, by rising page. Vertices are told apart by source vertex and place on the page.
-std::vector<LitPiece> cut_part(const Scene&, const Atlas&, std::uint32_t part,
+std::vector<LitPiece> cut_part(const scene::Scene&, const atlas::Atlas&, std::uint32_t part,
                                std::uint64_t source_vertices);
 
 /// Writes accessors, each content once.
@@ -51,4 +51,4 @@ class AccessorWriter {
   std::map<std::pair<std::vector<std::uint32_t>, bool>, std::uint32_t> index_lists_;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

@@ -1,3 +1,5 @@
+#include "baker/output/lit/lit_glb.h"
+
 #include <fcntl.h>
 
 #include <nlohmann/json.hpp>
@@ -6,10 +8,9 @@
 #include "baker/output/lit/document.h"
 #include "baker/output/lit/geometry.h"
 #include "baker/output/lit/materials.h"
-#include "baker/output/output.h"
 #include "proto/files.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 using proto::Expected;
@@ -56,7 +57,7 @@ void rename(Json& attributes, const char* from, const std::string& to) {
 
 class LitScene {
  public:
-  LitScene(LitDocument& document, const Scene& scene, const Atlas& atlas,
+  LitScene(LitDocument& document, const scene::Scene& scene, const atlas::Atlas& atlas,
            std::span<const LitPage> pages)
       : document_(document),
         scene_(scene),
@@ -65,10 +66,10 @@ class LitScene {
         writer_(document),
         materials_(document, pages, materials_without_light()) {}
 
-  Expected<void> build() {
+  proto::Expected<void> build() {
     std::set<std::uint64_t> in_place = meshes_of_instances_only();
     for (std::uint32_t i = 0; i < scene_.instances.size(); ++i) {
-      const Instance& instance = scene_.instances[i];
+      const scene::Instance& instance = scene_.instances[i];
       if (instance.part_count == 0) continue;
       auto mesh = lit_mesh(i);
       if (!mesh) return Unexpected(mesh.error());
@@ -93,7 +94,7 @@ class LitScene {
   }
 
   bool is_lit(std::uint32_t instance, std::size_t primitive) const {
-    const Instance& in = scene_.instances[instance];
+    const scene::Instance& in = scene_.instances[instance];
     for (std::uint32_t p = in.first_part; p < in.first_part + in.part_count; ++p)
       if (scene_.parts[p].primitive == primitive) return true;
     return false;
@@ -144,8 +145,8 @@ class LitScene {
   }
 
   /// A copy of the instance's mesh with its parts lit.
-  Expected<Json> lit_mesh(std::uint32_t instance_index) {
-    const Instance& instance = scene_.instances[instance_index];
+  proto::Expected<Json> lit_mesh(std::uint32_t instance_index) {
+    const scene::Instance& instance = scene_.instances[instance_index];
     Json mesh = meshes_.at(instance.mesh);
     Json primitives = Json::array();
     std::uint32_t part = instance.first_part;
@@ -162,7 +163,7 @@ class LitScene {
     return mesh;
   }
 
-  Expected<void> add_lit(Json& out, const Json& source, std::uint32_t part) {
+  proto::Expected<void> add_lit(Json& out, const Json& source, std::uint32_t part) {
     const auto position = count_at(source.at("attributes"), "POSITION", ~std::uint64_t{0});
     const auto values = document_.accessor(position.value_or(~std::uint64_t{0}));
     if (!values) return Unexpected(values.error());
@@ -177,12 +178,12 @@ class LitScene {
 
   /// Whether TEXCOORD_1 already is the place on the page.
   bool keeps_uv(const Json& attributes, const LitPiece& piece, std::uint32_t part) const {
-    const InstancePlacement& placed = atlas_.placements[scene_.parts[part].instance];
-    return piece.keeps_vertices && placed.uses_source_uv && placed.scale == Vec2{1, 1} &&
-           placed.offset == Vec2{0, 0} && attributes.contains("TEXCOORD_1");
+    const atlas::InstancePlacement& placed = atlas_.placements[scene_.parts[part].instance];
+    return piece.keeps_vertices && placed.uses_source_uv && placed.scale == math::Vec2{1, 1} &&
+           placed.offset == math::Vec2{0, 0} && attributes.contains("TEXCOORD_1");
   }
 
-  Expected<void> light(Json& primitive, const LitPiece& piece, std::uint32_t part) {
+  proto::Expected<void> light(Json& primitive, const LitPiece& piece, std::uint32_t part) {
     std::uint32_t set = 1;
     if (!keeps_uv(primitive["attributes"], piece, part)) {
       set = move_texcoord_1(primitive);
@@ -222,8 +223,8 @@ class LitScene {
     return set;
   }
 
-  Expected<void> rebuild(Json& primitive, const LitPiece& piece) {
-    const auto gather = [&](Json& attributes) -> Expected<void> {
+  proto::Expected<void> rebuild(Json& primitive, const LitPiece& piece) {
+    const auto gather = [&](Json& attributes) -> proto::Expected<void> {
       for (auto& [name, accessor] : attributes.items()) {
         const auto made =
             writer_.gather(as_count(accessor).value_or(~std::uint64_t{0}), piece.source);
@@ -243,8 +244,8 @@ class LitScene {
   }
 
   LitDocument& document_;
-  const Scene& scene_;
-  const Atlas& atlas_;
+  const scene::Scene& scene_;
+  const atlas::Atlas& atlas_;
   Json meshes_;  ///< of the source
   AccessorWriter writer_;
   LitMaterials materials_;
@@ -279,8 +280,9 @@ void list_extensions(Json& document) {
 
 }  // namespace
 
-Expected<void> write_lit_glb(int fd, const SceneFiles& files, const Scene& scene,
-                             const Atlas& atlas, std::span<const LitPage> pages) {
+proto::Expected<void> write_lit_glb(int fd, const files::SceneFiles& files,
+                                    const scene::Scene& scene, const atlas::Atlas& atlas,
+                                    std::span<const LitPage> pages) {
   auto document = LitDocument::open(files);
   if (!document) return Unexpected(document.error());
   if (auto ok = LitScene(**document, scene, atlas, pages).build(); !ok) return ok;
@@ -288,12 +290,12 @@ Expected<void> write_lit_glb(int fd, const SceneFiles& files, const Scene& scene
   return (*document)->write(fd);
 }
 
-Expected<void> write_lit_glb(const std::filesystem::path& path, const SceneFiles& files,
-                             const Scene& scene, const Atlas& atlas,
-                             std::span<const LitPage> pages) {
+proto::Expected<void> write_lit_glb(const std::filesystem::path& path,
+                                    const files::SceneFiles& files, const scene::Scene& scene,
+                                    const atlas::Atlas& atlas, std::span<const LitPage> pages) {
   const proto::Fd file(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
   if (!file.valid()) return proto::storage_error("create", path);
   return write_lit_glb(file.get(), files, scene, atlas, pages);
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

@@ -2,7 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 namespace {
 
 constexpr int kLinear = 9729, kClamp = 33071;
@@ -88,4 +88,4 @@ Json LitMaterials::describe_pages() const {
   return list;
 }
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

@@ -9,7 +9,7 @@
 #include "baker/output/lit/document.h"
 #include "baker/output/output.h"
 
-namespace kiln::baker {
+namespace kiln::output::lit {
 
 /// The pages' lightmaps in the document, and the variants of its materials that show them.
 class LitMaterials {
@@ -43,4 +43,4 @@ class LitMaterials {
       variants_;
 };
 
-}  // namespace kiln::baker
+}  // namespace kiln::output::lit

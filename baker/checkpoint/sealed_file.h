@@ -1,0 +1,124 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "proto/expected.h"
+#include "proto/sha256.h"
+
+/// The files of a checkpoint: a header that names kind and bake, little-endian values, and a
+/// SHA-256 over all of it.
+namespace kiln::checkpoint {
+
+using Magic = std::array<char, 8>;
+inline constexpr std::uint32_t kMaxTextBytes = 4096;
+
+/// Calls `use` for one piece after the other. False when it refuses one, or on a stop request.
+template <std::size_t kPiece = 16 << 20, class T, class Use>
+bool for_pieces(std::span<T> bytes, const std::stop_token& stop, const Use& use) {
+  while (!bytes.empty()) {
+    const auto piece = bytes.first(std::min(kPiece, bytes.size()));
+    if (stop.stop_requested() || !use(piece)) return false;
+    bytes = bytes.subspan(piece.size());
+  }
+  return true;
+}
+
+/// Copies the memory pages that differ: one that was never written, and has to be zeros, costs
+/// nothing and stays so.
+void copy_where_different(std::span<const std::byte> from, std::byte* to);
+
+class SealedWriter {
+ public:
+  explicit SealedWriter(std::ofstream& out) : out_(out) {}
+  void bytes(const void* data, std::size_t n) {
+    out_.write(static_cast<const char*>(data), std::streamsize(n));
+    hash_.update({static_cast<const char*>(data), n});
+  }
+  /// Until a stop request.
+  void pieces(std::span<const std::byte> all, const std::stop_token& stop) {
+    for_pieces(all, stop, [&](auto piece) {
+      bytes(piece.data(), piece.size());
+      return true;
+    });
+  }
+  template <class T>
+  void value(T v) {
+    static_assert(std::is_arithmetic_v<T>);
+    bytes(&v, sizeof v);
+  }
+  void text(const std::string& s) {
+    value(std::uint32_t(s.size()));
+    bytes(s.data(), s.size());
+  }
+  void seal() {
+    const auto digest = hash_.digest();
+    out_.write(reinterpret_cast<const char*>(digest.data()), std::streamsize(digest.size()));
+  }
+
+ private:
+  std::ofstream& out_;
+  proto::Sha256 hash_;
+};
+
+/// Its functions say false when there is no more, or it is not what it should be.
+class SealedReader {
+ public:
+  explicit SealedReader(std::ifstream& in) : in_(in) {}
+  bool bytes(void* data, std::size_t n) {
+    if (!in_.read(static_cast<char*>(data), std::streamsize(n))) return false;
+    hash_.update({static_cast<const char*>(data), n});
+    return true;
+  }
+  template <class T>
+  bool value(T& v) {
+    static_assert(std::is_arithmetic_v<T>);
+    return bytes(&v, sizeof v);
+  }
+  bool text(std::string& s) {
+    std::uint32_t n = 0;
+    if (!value(n) || n > kMaxTextBytes) return false;
+    s.resize(n);
+    return bytes(s.data(), n);
+  }
+  template <class T>
+  bool plane(std::vector<T>& p) {
+    return bytes(p.data(), p.size() * sizeof(T));
+  }
+  bool magic(const Magic& expected) {
+    Magic found;
+    return bytes(found.data(), found.size()) && found == expected;
+  }
+  bool sealed() {
+    const auto expected = hash_.digest();
+    auto found = expected;
+    in_.read(reinterpret_cast<char*>(found.data()), std::streamsize(found.size()));
+    return in_ && found == expected;
+  }
+
+ private:
+  std::ifstream& in_;
+  proto::Sha256 hash_;
+};
+
+/// Writes what `fill` does between header and check sum.
+/// Errors: `storage_full`, `io_error`.
+proto::Expected<void> write_sealed(const std::filesystem::path&, const Magic&,
+                                   const std::string& key,
+                                   const std::function<void(SealedWriter&)>& fill);
+
+/// The error of a bake that was stopped, and of a file that can't be used.
+proto::Unexpected stopped();
+proto::Unexpected unusable(const std::filesystem::path&, const char* what);
+
+}  // namespace kiln::checkpoint

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "baker/gltf/glb_writer.h"
+#include "baker/math/vec.h"
+
+/// What the generated scenes are put together from. Internal to generate*.cpp.
+namespace kiln::generate {
+
+/// A point of a surface with its unit normal.
+struct SurfacePoint {
+  math::Vec3 position, normal;
+};
+
+/// A piece of surface that becomes one chart: a grid of points, with the front where
+/// d/d column x d/d row points.
+struct Patch {
+  std::string node;
+  std::int32_t material = 0;
+  float width_m = 1, height_m = 1;  ///< wanted size of the chart
+  std::uint32_t columns = 1, rows = 1;
+  bool triangle = false;  ///< one cell, and only its half below the diagonal
+  /// The grid point (0..columns, 0..rows). Integers, so that faces which share an edge agree
+  /// exactly.
+  std::function<SurfacePoint(std::uint32_t column, std::uint32_t row)> at;
+};
+
+/// An axis-aligned or turned box; `bottom` is the centre of the lower face.
+struct Box {
+  math::Vec3 bottom, size;
+  math::Vec3 axis_x{1, 0, 0};  ///< unit and level; the box's Z follows from it
+};
+
+enum BoxFace : unsigned {
+  kFloor = 1,
+  kCeiling = 2,
+  kLeft = 4,
+  kRight = 8,
+  kBack = 16,
+  kFront = 32,
+  kAllFaces = 63,
+};
+
+/// Radius of a ball as a multiple of its mean radius, by direction (unit).
+using Relief = std::function<float(math::Vec3 direction)>;
+
+class SceneBuilder {
+ public:
+  explicit SceneBuilder(std::string name) { doc_.name = std::move(name); }
+
+  std::int32_t material(std::string name, math::Rgb base_color, math::Rgb emission = {});
+  /// Colour or, where the material emits, glow by image; one repeat covers `size_m` metres.
+  void texture(std::int32_t material, std::string png, float size_m);
+
+  /// A parallelogram: its front is where edge_u x edge_v points.
+  void quad(const std::string& node, std::int32_t material, math::Vec3 corner, math::Vec3 edge_u,
+            math::Vec3 edge_v);
+  void triangle(const std::string& node, std::int32_t material, math::Vec3 corner,
+                math::Vec3 edge_u, math::Vec3 edge_v);
+  /// Faces that look outwards (a solid) or inwards (a room).
+  void solid(const std::string& node, std::int32_t material, const Box&,
+             unsigned faces = kAllFaces);
+  void room(const std::string& node, std::int32_t material, const Box&, unsigned faces = kAllFaces);
+  /// Six patches of a sphere blown up from a cube, `detail` x `detail` cells each.
+  void ball(const std::string& node, std::int32_t material, math::Vec3 centre, float radius,
+            std::uint32_t detail, const Relief& relief = {});
+  void light(gltf::GlbLight, math::Vec3 position, math::Vec3 direction = {0, 0, -1});
+
+  /// Lays all charts out on one page, without overlap and at least four texels of 256 apart, and
+  /// writes the .glb.
+  std::string finish();
+
+ private:
+  void faces(const std::string& node, std::int32_t material, const Box&, unsigned faces,
+             bool inwards);
+  gltf::GlbPrimitive& primitive_of(const Patch&);
+
+  gltf::GlbDocument doc_;
+  std::vector<float> texture_size_m_;  ///< parallel to doc_.materials
+  std::vector<Patch> patches_;
+};
+
+/// Where a chart lies, in cells of 1/kCells of the page.
+struct CellRect {
+  std::uint32_t x = 0, y = 0, width = 0, height = 0;
+};
+/// Cells along a page: whole texels at every power-of-two page size from 128 up.
+inline constexpr std::uint32_t kCells = 128;
+
+/// Rows of charts, tallest first, at the largest common scale that fits. Sizes are in metres; none
+/// gets less than one cell. Two cells stay empty between charts, one along the page's border.
+std::vector<CellRect> pack_charts(const std::vector<math::Vec2>& sizes_m);
+
+/// A size x size PNG, sRGB, of `colour(x, y)` codes.
+std::string make_png(
+    std::uint32_t size,
+    const std::function<std::array<std::uint8_t, 3>(std::uint32_t x, std::uint32_t y)>& colour);
+
+}  // namespace kiln::generate

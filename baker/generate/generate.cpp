@@ -1,0 +1,97 @@
+#include "baker/generate/generate.h"
+
+#include <array>
+#include <iterator>
+
+#include "baker/generate/scenes.h"
+
+namespace kiln::generate {
+namespace {
+
+struct Generator {
+  GeneratorInfo info;
+  SceneFunction function;
+  std::uint32_t detail;  ///< default
+};
+
+constexpr std::array kGenerators{
+    Generator{{"cornell", "Cornell box of 5.5 m with two blocks and a ceiling lamp"}, cornell, 1},
+    Generator{{"cornell_layers", "Cornell box with four shelves that hide the lamp from the floor"},
+              cornell_layers,
+              1},
+    Generator{
+        {"cornell_geom",
+         "Cornell box with a bumpy ball on a plinth; 12 detail^2 triangles, detail 91 = 99,372"},
+        cornell_geom,
+        91},
+    Generator{{"room_textured", "closed room with image textures and a picture that glows"},
+              room_textured,
+              1},
+    Generator{
+        {"many_lights", "closed hall with 200 small emitters of many colours"}, many_lights, 1},
+    Generator{{"courtyard", "sunlit yard with pillars, a textured floor, a point and a spot light"},
+              courtyard,
+              1},
+    Generator{{"sphere_on_plane", "smooth ball on a plate; has no light: give it sky.radiance"},
+              sphere_on_plane,
+              24},
+    Generator{{"tilted_plane", "1 m square, normal (0, 0.8, 0.6); no light: give it sky.radiance"},
+              tilted_plane,
+              1},
+    Generator{{"plane_point", "4 m square, a point light of 100 cd 1 m above its middle"},
+              plane_point,
+              1},
+    Generator{
+        {"plane_spot", "4 m square, a spot light of 100 cd 2 m above its middle"}, plane_spot, 1},
+    Generator{{"plane_sun", "4 m square under a directional light of 1,000 lx, 4/5 of it upright"},
+              plane_sun,
+              1},
+    Generator{{"rect_light", "4 m square, a lamp of 1 m x 1 m and 10 cd/m2 1 m above, facing down"},
+              rect_light,
+              1},
+    Generator{{"furnace", "closed box, albedo 0.5, every face emits 1 cd/m2: B = 2 pi everywhere"},
+              furnace_50,
+              1},
+    Generator{{"furnace_50", "the same as furnace"}, furnace_50, 1},
+    Generator{{"furnace_90", "closed box, albedo 0.9, every face emits 1 cd/m2: B = 10 pi"},
+              furnace_90,
+              1},
+    Generator{{"plates", "two unit squares 1 m apart; the upper one emits 1 cd/m2, F = 0.1998"},
+              plates,
+              1},
+    Generator{{"plates_perpendicular", "two unit squares that share an edge, F = 0.2000"},
+              plates_perpendicular,
+              1},
+    Generator{
+        {"colour_box", "closed box with coloured walls and a lamp: for the balance of energy"},
+        colour_box,
+        1},
+    Generator{
+        {"sealed", "lit from outside, dark inside: the node 'inside' must stay zero"}, sealed, 1},
+};
+
+}  // namespace
+
+std::vector<GeneratorInfo> generators() {
+  std::vector<GeneratorInfo> infos;
+  infos.reserve(std::size(kGenerators));
+  for (const Generator& g : kGenerators) infos.push_back(g.info);
+  return infos;
+}
+
+proto::Expected<std::string> generate_glb(std::string_view name, std::uint32_t detail) {
+  if (detail > kMaxDetail)
+    return proto::fail("invalid_detail", "detail is " + std::to_string(detail) + "; at most " +
+                                             std::to_string(kMaxDetail));
+  for (const Generator& g : kGenerators)
+    if (g.info.name == name) return g.function(std::string(name), detail == 0 ? g.detail : detail);
+  std::string names;
+  for (const Generator& g : kGenerators) {
+    if (!names.empty()) names += ", ";
+    names += g.info.name;
+  }
+  return proto::fail("unknown_generator", "no generated scene is called '" + std::string(name) +
+                                              "'; there are: " + names);
+}
+
+}  // namespace kiln::generate

@@ -1,0 +1,161 @@
+#include <array>
+
+#include "baker/generate/builder.h"
+#include "baker/generate/scenes.h"
+
+namespace kiln::generate {
+namespace {
+
+// The box of Goral, Torrance, Greenberg and Battaile in Cornell's measured version, in metres: the
+// floor's middle is the origin, the open side faces +Z, red is on the left.
+constexpr math::Vec3 kCornellSize{5.528f, 5.488f, 5.592f};
+
+struct CornellColours {
+  std::int32_t white, red, green, lamp;
+};
+
+CornellColours cornell_room(SceneBuilder& scene) {
+  const CornellColours c{scene.material("white", {0.725f, 0.71f, 0.68f}),
+                         scene.material("red", {0.63f, 0.065f, 0.05f}),
+                         scene.material("green", {0.14f, 0.45f, 0.091f}),
+                         scene.material("lamp", {0, 0, 0}, {17, 12, 4})};
+  const Box box{{0, 0, 0}, kCornellSize};
+  scene.room("room", c.white, box, kFloor | kCeiling | kBack);
+  scene.room("room", c.red, box, kLeft);
+  scene.room("room", c.green, box, kRight);
+  // One centimetre under the ceiling; faces down only.
+  scene.quad("lamp", c.lamp, {-0.65f, 5.478f, -0.525f}, {1.3f, 0, 0}, {0, 0, 1.05f});
+  return c;
+}
+
+/// A soft bump field without transcendental functions, whose last bits vary between machines.
+float wave(float x) {
+  const float turn = x - 2 * std::floor(x / 2 + 0.5f);  // [-1, 1)
+  return 4 * turn * (1 - std::abs(turn));
+}
+
+float bumps(math::Vec3 d) {
+  return 1 + 0.10f * wave(2 * d.x + 0.3f) * wave(2 * d.y) * wave(2 * d.z + 0.5f) +
+         0.03f * wave(7 * d.x) * wave(7 * d.y + 0.25f) + 0.02f * wave(9 * d.z) * wave(8 * d.y);
+}
+
+std::array<std::uint8_t, 3> checker(std::uint32_t x, std::uint32_t y) {
+  const bool light = ((x / 32) + (y / 32)) % 2 == 0;
+  const auto grain = static_cast<std::uint8_t>((x * 7 + y * 13) % 16);
+  if (light)
+    return {std::uint8_t(214 - grain), std::uint8_t(206 - grain), std::uint8_t(188 - grain)};
+  return {std::uint8_t(96 + grain), std::uint8_t(72 + grain), std::uint8_t(52 + grain)};
+}
+
+std::array<std::uint8_t, 3> stripes(std::uint32_t x, std::uint32_t) {
+  return (x / 8) % 2 == 0 ? std::array<std::uint8_t, 3>{188, 200, 214}
+                          : std::array<std::uint8_t, 3>{168, 184, 204};
+}
+
+/// Four coloured panes in a dark frame.
+std::array<std::uint8_t, 3> panes(std::uint32_t x, std::uint32_t y) {
+  if (x % 32 < 3 || y % 32 < 3 || x % 32 > 28 || y % 32 > 28) return {0, 0, 0};
+  constexpr std::array<std::array<std::uint8_t, 3>, 4> kColours{
+      {{255, 96, 64}, {64, 200, 255}, {255, 220, 96}, {120, 255, 120}}};
+  return kColours[(y / 32) * 2 + x / 32];
+}
+
+/// A small linear congruential generator: positions and colours only need to look scattered.
+class Scatter {
+ public:
+  float next() {
+    state_ = state_ * 1664525u + 1013904223u;
+    return float(state_ >> 8) / float(1u << 24);
+  }
+
+ private:
+  std::uint32_t state_ = 12345;
+};
+
+}  // namespace
+
+std::string cornell(const std::string& name, std::uint32_t) {
+  SceneBuilder scene(name);
+  const CornellColours c = cornell_room(scene);
+  constexpr unsigned kUpright =
+      kAllFaces & ~kFloor;  // what stands on the floor has no lit underside
+  scene.solid("short block", c.white,
+              {{0.914f, 0, 1.106f}, {1.65f, 1.65f, 1.65f}, normalize({0.956f, 0, 0.293f})},
+              kUpright);
+  scene.solid("tall block", c.white,
+              {{-0.921f, 0, -0.718f}, {1.65f, 3.3f, 1.65f}, normalize({0.955f, 0, -0.296f})},
+              kUpright);
+  return scene.finish();
+}
+
+std::string cornell_layers(const std::string& name, std::uint32_t) {
+  SceneBuilder scene(name);
+  const CornellColours c = cornell_room(scene);
+  // Two thirds of the room deep each, in turn by the left and the right wall, 2 cm off it.
+  for (int i = 0; i < 4; ++i) {
+    const float side = i % 2 == 0 ? -1.f : 1.f;
+    const float y = 1 + 1.05f * float(i);
+    scene.solid("shelf " + std::to_string(i + 1), c.white,
+                {{side * (kCornellSize.x / 2 - 1.92f), y, -0.2f}, {3.8f, 0.04f, 4.8f}});
+  }
+  return scene.finish();
+}
+
+std::string cornell_geom(const std::string& name, std::uint32_t detail) {
+  SceneBuilder scene(name);
+  const CornellColours c = cornell_room(scene);
+  scene.solid("plinth", c.white, {{0, 0, 0}, {1.8f, 0.8f, 1.8f}}, kAllFaces & ~kFloor);
+  scene.ball("statue", c.white, {0, 2.2f, 0}, 1.25f, detail, bumps);
+  return scene.finish();
+}
+
+std::string room_textured(const std::string& name, std::uint32_t) {
+  SceneBuilder scene(name);
+  const auto floor = scene.material("tiles", {1, 1, 1});
+  scene.texture(floor, make_png(128, checker), 2);
+  const auto wall = scene.material("wallpaper", {0.9f, 0.9f, 0.9f});
+  scene.texture(wall, make_png(64, stripes), 1);
+  const auto plaster = scene.material("plaster", {0.8f, 0.8f, 0.78f});
+  const auto picture = scene.material("picture", {0, 0, 0}, {400, 400, 400});
+  scene.texture(picture, make_png(64, panes), 1);
+
+  const Box box{{0, 0, 0}, {6, 3, 4}};
+  scene.room("room", floor, box, kFloor);
+  scene.room("room", plaster, box, kCeiling);
+  scene.room("room", wall, box, kLeft | kRight | kBack | kFront);
+  // One square metre, so that the picture's texture fills it once.
+  scene.quad("picture", picture, {-0.5f, 1, -1.98f}, {1, 0, 0}, {0, 1, 0});
+  scene.solid("table", plaster, {{1.2f, 0.7f, 0.3f}, {1.4f, 0.05f, 0.8f}});
+  scene.solid("chest", plaster, {{-1.9f, 0, 0.9f}, {0.9f, 0.6f, 0.6f}, normalize({0.9f, 0, 0.4f})},
+              kAllFaces & ~kFloor);
+  return scene.finish();
+}
+
+std::string many_lights(const std::string& name, std::uint32_t) {
+  SceneBuilder scene(name);
+  const auto grey = scene.material("grey", {0.6f, 0.6f, 0.6f});
+  std::array<std::int32_t, 8> glow{};
+  for (std::size_t i = 0; i < glow.size(); ++i) {
+    const math::Rgb tint{(i & 1) != 0 ? 1.f : 0.25f, (i & 2) != 0 ? 1.f : 0.25f,
+                         (i & 4) != 0 ? 1.f : 0.25f};
+    glow[i] = scene.material("glow " + std::to_string(i), {0, 0, 0}, tint * 800);
+  }
+  scene.room("hall", grey, {{0, 0, 0}, {12, 4, 8}});
+  for (int i = 0; i < 6; ++i)
+    scene.solid("column " + std::to_string(i + 1), grey,
+                {{-4 + 4 * float(i % 3), 0, i < 3 ? -1.8f : 1.8f}, {0.5f, 3, 0.5f}},
+                kAllFaces & ~kFloor);
+  Scatter scatter;
+  for (int i = 0; i < 200; ++i) {
+    const float x = -5.8f + 11.4f * scatter.next(), z = -3.8f + 7.4f * scatter.next();
+    const float y = 3.2f + 0.7f * scatter.next(), side = 0.06f + 0.1f * scatter.next();
+    const auto material = glow[std::size_t(i) % glow.size()];
+    if (i % 2 == 0)
+      scene.quad("lights", material, {x, y, z}, {side, 0, 0}, {0, 0, side});
+    else
+      scene.triangle("lights", material, {x, y, z}, {side, 0, 0}, {0, 0, side});
+  }
+  return scene.finish();
+}
+
+}  // namespace kiln::generate

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+/// The generated scenes, one function each. Internal to generate*.cpp.
+namespace kiln::generate {
+
+/// `detail` is never 0 here. Returns the bytes of a .glb.
+using SceneFunction = std::string (*)(const std::string& name, std::uint32_t detail);
+
+std::string cornell(const std::string& name, std::uint32_t detail);
+std::string cornell_layers(const std::string& name, std::uint32_t detail);
+std::string cornell_geom(const std::string& name, std::uint32_t detail);
+std::string room_textured(const std::string& name, std::uint32_t detail);
+std::string many_lights(const std::string& name, std::uint32_t detail);
+
+std::string furnace_50(const std::string& name, std::uint32_t detail);
+std::string furnace_90(const std::string& name, std::uint32_t detail);
+std::string plates(const std::string& name, std::uint32_t detail);
+std::string plates_perpendicular(const std::string& name, std::uint32_t detail);
+std::string rect_light(const std::string& name, std::uint32_t detail);
+std::string colour_box(const std::string& name, std::uint32_t detail);
+std::string sealed(const std::string& name, std::uint32_t detail);
+
+std::string plane_point(const std::string& name, std::uint32_t detail);
+std::string plane_spot(const std::string& name, std::uint32_t detail);
+std::string plane_sun(const std::string& name, std::uint32_t detail);
+std::string tilted_plane(const std::string& name, std::uint32_t detail);
+std::string sphere_on_plane(const std::string& name, std::uint32_t detail);
+std::string courtyard(const std::string& name, std::uint32_t detail);
+
+}  // namespace kiln::generate

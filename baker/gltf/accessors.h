@@ -1,0 +1,70 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "baker/gltf/component.h"
+#include "baker/gltf/document.h"
+#include "proto/expected.h"
+
+namespace kiln::gltf {
+
+/// An accessor's elements, read one by one: stride, sparse replacement, normalisation and missing
+/// buffer views (zeros) are dealt with here and nowhere else. Data may lie unaligned. Views into
+/// the document's bytes; immutable.
+struct AccessorView {
+  const unsigned char* data = nullptr;  ///< nullptr: zeros
+  std::size_t stride = 0;
+  std::uint64_t count = 0;
+  Component component = Component::kFloat;
+  bool normalized = false;
+  std::uint32_t components = 1;  ///< 1 to 4; matrices are not read
+
+  std::uint32_t sparse_count = 0;
+  Component sparse_component = Component::kUnsignedInt;
+  const unsigned char* sparse_indices = nullptr;
+  const unsigned char* sparse_values = nullptr;  ///< tightly packed
+
+  /// First component as an unsigned integer. Requires an unsigned type.
+  std::uint32_t index(std::uint64_t i) const;
+  /// Components as floats, normalised ones mapped to [0, 1] or [-1, 1] [glTF 2.0, 3.11].
+  std::array<float, 4> floats(std::uint64_t i) const;
+
+ private:
+  const unsigned char* element(std::uint64_t i) const;
+};
+
+/// Type, alignment, stride and range of every accessor against its buffer view.
+/// Errors: `invalid_scene`, `canceled`.
+proto::Expected<void> check_accessors(const Document&, const std::stop_token&);
+
+/// What a use of an accessor allows.
+struct AccessorFormat {
+  std::uint32_t min_components = 1, max_components = 1;
+  std::vector<std::pair<Component, bool>> types;  ///< component type, normalised
+  bool allows_stride = true;
+};
+
+/// Opens accessors of one document and checks their contents at their first use: sparse indices
+/// ascending and in range, no float that is NaN or infinite. Not for several threads at once.
+class Accessors {
+ public:
+  Accessors(Document& document, std::stop_token stop);
+
+  /// `use` is the property's name for messages. Errors: `invalid_scene`, `canceled`.
+  proto::Expected<AccessorView> open(int accessor, const AccessorFormat&, const std::string& use);
+
+ private:
+  proto::Expected<AccessorView> view_of(int accessor) const;
+  proto::Expected<void> check_sparse(const AccessorView&, const std::string& pointer) const;
+  proto::Expected<void> check_contents(const AccessorView&, int accessor);
+
+  Document& document_;
+  std::stop_token stop_;
+  std::vector<bool> checked_;
+};
+
+}  // namespace kiln::gltf

@@ -1,0 +1,329 @@
+#include "baker/gltf/document.h"
+
+#include <nlohmann/json.hpp>
+
+#include "baker/exec/stop.h"
+#include "baker/gltf/accessors.h"
+#include "baker/gltf/container.h"
+#include "baker/gltf/draco_document.h"
+#include "baker/gltf/errors.h"
+#include "baker/gltf/extensions.h"
+#include "baker/gltf/json.h"
+#include "baker/gltf/meshopt_decoder.h"
+#include "baker/gltf/model.h"
+#include "baker/gltf/tinygltf.h"
+#include "baker/gltf/uri.h"
+
+namespace kiln::gltf {
+namespace {
+
+constexpr const char* kMeshoptName = "EXT_meshopt_compression";
+
+using nlohmann::json;
+using proto::Expected;
+using proto::Unexpected;
+
+/// "2.0" as {2, 0}; nothing for other texts.
+std::optional<std::pair<int, int>> parse_version(const std::string& text) {
+  int major = 0, minor = 0, used = 0;
+  if (text.size() > 8 || std::sscanf(text.c_str(), "%d.%d%n", &major, &minor, &used) != 2 ||
+      used != static_cast<int>(text.size())) {
+    return std::nullopt;
+  }
+  return std::pair{major, minor};
+}
+
+proto::Expected<void> check_version(const json& asset) {
+  const auto version = parse_version(asset.at("version").get<std::string>());
+  if (!version || version->first != 2)
+    return invalid("expected glTF version 2.x", "/asset/version");
+  if (!asset.contains("minVersion")) return {};
+  const auto least = parse_version(asset.at("minVersion").get<std::string>());
+  if (!least || *least > std::pair{2, 0} || *least > *version) {
+    return invalid("the scene needs a newer glTF than 2.0", "/asset/minVersion");
+  }
+  return {};
+}
+
+/// Bytes of one buffer; nothing for one that neither has a URI nor is the .glb's own.
+Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const json& buffer,
+                                                       std::size_t index,
+                                                       const Container& container) {
+  const std::string at = pointer_to("/buffers", index);
+  if (!buffer.contains("uri")) {
+    return index == 0 ? container.binary : std::optional<std::string_view>();
+  }
+  const auto& uri = buffer.at("uri").get_ref<const std::string&>();
+  if (!is_data_uri(uri)) {
+    const auto file = document.files.side_file(uri, at + "/uri");
+    if (!file) return Unexpected(file.error());
+    return std::optional(*file);
+  }
+  auto data = decode_data_uri(uri, at + "/uri");
+  if (!data) return Unexpected(data.error());
+  document.decoded.push_back(std::make_unique<std::string>(std::move(data->bytes)));
+  return std::optional<std::string_view>(*document.decoded.back());
+}
+
+proto::Expected<void> load_buffers(Document& document, const json& buffers,
+                                   const Container& container, const std::stop_token& stop) {
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    if (stop.stop_requested()) return exec::canceled();
+    const auto bytes = buffer_bytes(document, buffers[i], i, container);
+    if (!bytes) return Unexpected(bytes.error());
+    const auto length = buffers[i].at("byteLength").get<std::uint64_t>();
+    if (*bytes && (*bytes)->size() < length) {
+      return invalid("expects " + std::to_string(length) + " bytes, but its data has " +
+                         std::to_string((*bytes)->size()),
+                     pointer_to("/buffers", i) + "/byteLength");
+    }
+    document.buffers.push_back(*bytes ? std::optional((*bytes)->substr(0, length)) : std::nullopt);
+  }
+  return {};
+}
+
+/// Decodes the views with EXT_meshopt_compression whose buffer has no plain data.
+Expected<void> unpack_views(Document& document, const json& views,
+                            const files::ImportLimits& limits, const std::stop_token& stop) {
+  std::uint64_t left = limits.file_bytes;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const auto extensions = views[i].find("extensions");
+    if (extensions == views[i].end() || !extensions->contains(kMeshoptName)) continue;
+    if (document.buffers[views[i].at("buffer").get<std::size_t>()]) continue;
+    if (stop.stop_requested()) return exec::canceled();
+    const std::string at = pointer_to("/bufferViews", i) + "/extensions/" + kMeshoptName;
+    const json& from = extensions->at(kMeshoptName);
+    const auto& buffer = document.buffers[from.at("buffer").get<std::size_t>()];
+    const auto offset = from.value("byteOffset", std::uint64_t{0}),
+               length = from.at("byteLength").get<std::uint64_t>();
+    if (!buffer) return invalid("its buffer has no data", at);
+    if (offset > buffer->size() || length > buffer->size() - offset)
+      return invalid("reaches beyond its buffer of " + std::to_string(buffer->size()) + " bytes",
+                     at);
+    const MeshoptView view{from.at("count").get<std::uint64_t>(),
+                           from.at("byteStride").get<std::uint64_t>(),
+                           from.at("mode").get<std::string>(), from.value("filter", "NONE")};
+    const auto plain = views[i].at("byteLength").get<std::uint64_t>();
+    if (auto why = wrong_with(view, length, plain, views[i].value("byteStride", std::uint64_t{0}));
+        !why.empty())
+      return invalid(why, at);
+    if (plain > left)
+      return over_limit("too much data once it is decompressed", limits.file_bytes, "upload_bytes",
+                        at);
+    left -= plain;
+    auto bytes = std::make_unique<std::string>();
+    if (auto why = decode_meshopt(view, buffer->substr(offset, length), *bytes); !why.empty())
+      return invalid(why, at);
+    document.unpacked_views.resize(views.size());
+    document.unpacked_views[i] = *bytes;
+    document.decoded.push_back(std::move(bytes));
+  }
+  return {};
+}
+
+/// Bytes of a view of a document that was not read into the library yet.
+std::optional<std::string_view> view_bytes(const Document& document, const json& view,
+                                           std::size_t index) {
+  const auto& unpacked = document.unpacked_views;
+  if (index < unpacked.size() && unpacked[index]) return unpacked[index];
+  const auto& buffer = document.buffers[view.at("buffer").get<std::size_t>()];
+  const auto offset = view.value("byteOffset", std::uint64_t{0}),
+             length = view.at("byteLength").get<std::uint64_t>();
+  if (!buffer || offset > buffer->size() || length > buffer->size() - offset) return std::nullopt;
+  return buffer->substr(offset, length);
+}
+
+/// Decodes the meshes that KHR_draco_mesh_compression holds; new views take what they held.
+Expected<void> unpack_meshes(Document& document, json& parsed, const files::ImportLimits& limits,
+                             const std::stop_token& stop) {
+  if (!parsed.contains("bufferViews")) return {};
+  json& views = parsed["bufferViews"];
+  const auto bytes = [&](std::size_t i) -> std::optional<std::string_view> {
+    return i < views.size() ? view_bytes(document, views[i], i) : std::nullopt;
+  };
+  const auto add = [&](std::string plain, std::uint32_t stride) {
+    json view = {{"buffer", 0u}, {"byteOffset", 0u}, {"byteLength", plain.size()}};
+    if (stride > 0) view["byteStride"] = stride;
+    document.decoded.push_back(std::make_unique<std::string>(std::move(plain)));
+    views.push_back(std::move(view));
+    document.unpacked_views.resize(views.size());
+    document.unpacked_views.back() = *document.decoded.back();
+    return views.size() - 1;
+  };
+  return DracoUnpacker<json>(parsed, {bytes, add}, limits.file_bytes).run(stop);
+}
+
+proto::Expected<void> check_buffer_views(const Document& document, const json& buffers) {
+  const tinygltf::Model& model = *document.model;
+  for (std::size_t i = 0; i < model.bufferViews.size(); ++i) {
+    const auto& view = model.bufferViews[i];
+    if (i < document.unpacked_views.size() && document.unpacked_views[i]) continue;
+    const auto length =
+        buffers[static_cast<std::size_t>(view.buffer)].at("byteLength").get<std::uint64_t>();
+    if (view.byteOffset > length || view.byteLength > length - view.byteOffset) {
+      return invalid("reaches beyond its buffer of " + std::to_string(length) + " bytes",
+                     pointer_to("/bufferViews", i));
+    }
+    if (view.byteStride % 4 != 0) {
+      return invalid("expected a multiple of 4", pointer_to("/bufferViews", i) + "/byteStride");
+    }
+  }
+  return {};
+}
+
+/// Takes a member out of the document; an empty array when it is absent.
+json take(json& document, const char* name) {
+  json out = json::array();
+  if (const auto member = document.find(name); member != document.end()) {
+    out = std::move(*member);
+    document.erase(member);
+  }
+  return out;
+}
+
+void read_images(Document& document, const json& images) {
+  for (const json& image : images) {
+    document.images.push_back(
+        {image.value("uri", ""), image.value("mimeType", ""), image.value("bufferView", -1)});
+  }
+}
+
+/// The library refuses such primitives without saying where they are.
+Expected<void> check_index_accessors(const json& document, const std::stop_token& stop) {
+  if (!document.contains("meshes") || !document.contains("accessors")) return {};
+  const json& accessors = document.at("accessors");
+  exec::StopPoll stopped(stop);
+  for (const json& mesh : document.at("meshes")) {
+    if (stopped()) return exec::canceled();
+    for (const json& primitive : mesh.at("primitives")) {
+      if (!primitive.contains("indices")) continue;
+      const auto index = primitive.at("indices").get<std::size_t>();
+      if (!accessors[index].contains("bufferView")) {
+        return invalid("indices without a buffer view draw nothing",
+                       pointer_to("/accessors", index));
+      }
+    }
+  }
+  return {};
+}
+
+/// The checked and pruned document, read into the library's structures.
+Expected<void> read_model(Document& document, const json& pruned) {
+  const std::string text = pruned.dump();
+  tinygltf::TinyGLTF parser;
+  std::string error, warning;
+  if (!parser.LoadASCIIFromString(document.model.get(), &error, &warning, text.data(),
+                                  static_cast<unsigned>(text.size()), "")) {
+    return invalid("not a valid glTF document: " + shortened(error, 200), "");
+  }
+  return {};
+}
+
+/// JSON text to `model`, with all that the library must not see beside it.
+Expected<void> read_document(Document& document, const Container& container,
+                             const files::ImportLimits& limits, const std::stop_token& stop) {
+  auto parsed = parse_gltf_json(container.json, limits.json_depth, stop);
+  if (!parsed) return Unexpected(parsed.error());
+  if (auto known = check_required_extensions(*parsed); !known) return known;
+  if (auto checked = check_gltf(*parsed, stop); !checked) return checked;
+  if (auto version = check_version(parsed->at("asset")); !version) return version;
+  if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
+    return over_limit("too many nodes", limits.nodes, "nodes", "/nodes");
+  }
+  if (stop.stop_requested()) return exec::canceled();
+  const json buffers = take(*parsed, "buffers");
+  read_images(document, take(*parsed, "images"));
+  document.has_animations = !take(*parsed, "animations").empty();
+  take(*parsed, "skins");
+  take(*parsed, "cameras");
+  if (stop.stop_requested()) return exec::canceled();
+  if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
+  if (const auto views = parsed->find("bufferViews"); views != parsed->end())
+    if (auto unpacked = unpack_views(document, *views, limits, stop); !unpacked) return unpacked;
+  if (auto unpacked = unpack_meshes(document, *parsed, limits, stop); !unpacked) return unpacked;
+  if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
+  json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
+       accessors = take(*parsed, "accessors");
+  if (auto model = read_model(document, *parsed); !model) return model;
+  exec::StopPoll stopped(stop);
+  read_nodes(*document.model, nodes, stopped);
+  nodes.clear();  // so that no more than needed is left to be freed when a stop comes
+  read_meshes(*document.model, meshes, stopped);
+  meshes.clear();
+  read_accessors(*document.model, accessors, stopped);
+  if (stop.stop_requested()) return exec::canceled();
+  return check_buffer_views(document, buffers);
+}
+
+}  // namespace
+
+proto::Expected<std::string_view> FileCache::load(const std::filesystem::path& path,
+                                                  const std::string& pointer, const char* where) {
+  if (const auto known = mapped_.find(path); known != mapped_.end()) return known->second.bytes();
+  auto file = map_file(files_, path, left_);
+  if (!file) {
+    file.error().details = {{where, pointer, file.error().message}};
+    return Unexpected(file.error());
+  }
+  left_ -= file->bytes().size();
+  return mapped_.emplace(path, std::move(*file)).first->second.bytes();
+}
+
+proto::Expected<std::string_view> FileCache::main_file() {
+  return load(files_.main, "");
+}
+
+proto::Expected<std::filesystem::path> FileCache::find(const std::string& uri,
+                                                       const std::string& pointer) const {
+  return find_side_file(files_, uri, pointer);
+}
+
+proto::Expected<std::string_view> FileCache::side_file(const std::string& uri,
+                                                       const std::string& pointer) {
+  const auto path = find(uri, pointer);
+  if (!path) return Unexpected(path.error());
+  return load(*path, pointer);
+}
+
+proto::Expected<std::string_view> FileCache::named_file(const std::string& name, const char* where,
+                                                        const std::string& pointer) {
+  const auto path = find_named_file(files_, name, where, pointer);
+  if (!path) return Unexpected(path.error());
+  return load(*path, pointer, where);
+}
+
+Document::Document(const files::SceneFiles& scene_files, const files::ImportLimits& limits)
+    : model(std::make_unique<tinygltf::Model>()), files(scene_files, limits.file_bytes) {}
+Document::Document(Document&&) noexcept = default;
+Document::~Document() = default;
+
+proto::Expected<Document> open_document(const files::SceneFiles& files,
+                                        const files::ImportLimits& limits, std::stop_token stop) {
+  Document document(files, limits);
+  const auto bytes = document.files.main_file();
+  if (!bytes) return Unexpected(bytes.error());
+  const auto container = open_container(*bytes);
+  if (!container) return Unexpected(container.error());
+  if (container->json.size() > limits.json_bytes) {
+    return over_limit("the JSON is too long", limits.json_bytes, "scene_json_bytes", "");
+  }
+  if (auto read = read_document(document, *container, limits, stop); !read) {
+    return Unexpected(read.error());
+  }
+  if (auto checked = check_accessors(document, stop); !checked) return Unexpected(checked.error());
+  warn_of_extensions(document);
+  return document;
+}
+
+proto::Expected<std::string_view> buffer_view_bytes(const Document& document, int view,
+                                                    const std::string& pointer) {
+  const auto index = static_cast<std::size_t>(view);
+  if (index < document.unpacked_views.size() && document.unpacked_views[index])
+    return *document.unpacked_views[index];
+  const auto& v = document.model->bufferViews[index];
+  const auto& buffer = document.buffers[static_cast<std::size_t>(v.buffer)];
+  if (!buffer) return invalid("its buffer has no data", pointer);
+  return buffer->substr(v.byteOffset, v.byteLength);
+}
+
+}  // namespace kiln::gltf

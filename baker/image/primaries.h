@@ -1,0 +1,39 @@
+#pragma once
+
+#include <array>
+#include <optional>
+
+#include "baker/math/vec.h"
+
+namespace kiln::image {
+
+/// CIE xy of red, green, blue and white: which colours the numbers of a picture mean. Those of
+/// Rec. 709 by default.
+struct Primaries {
+  using Point = std::array<float, 2>;
+  Point red{0.64f, 0.33f}, green{0.3f, 0.6f}, blue{0.15f, 0.06f}, white{0.3127f, 0.329f};
+
+  /// But for the last digits that files give.
+  bool is_rec709() const;
+};
+
+/// From linear numbers by such primaries to linear Rec. 709. White stays white, of the same
+/// luminance: colours are adapted from one white point to the other [Lam, "Metamerism and Colour
+/// Constancy", 1985: the Bradford transform, in its linear form]. Colours that Rec. 709 can't show
+/// get negative values.
+class ColorConversion {
+ public:
+  /// Nothing when no mixture of the primaries is white, or as good as none.
+  static std::optional<ColorConversion> from(const Primaries&);
+
+  math::Rgb operator()(math::Rgb c) const {
+    return {rows_[0][0] * c.r + rows_[0][1] * c.g + rows_[0][2] * c.b,
+            rows_[1][0] * c.r + rows_[1][1] * c.g + rows_[1][2] * c.b,
+            rows_[2][0] * c.r + rows_[2][1] * c.g + rows_[2][2] * c.b};
+  }
+
+ private:
+  std::array<std::array<float, 3>, 3> rows_{};
+};
+
+}  // namespace kiln::image

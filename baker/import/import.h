@@ -1,0 +1,43 @@
+#pragma once
+
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "baker/files/upload.h"
+#include "baker/scene/scene.h"
+#include "proto/bake_settings.h"
+#include "proto/expected.h"
+
+namespace kiln::import {
+
+/// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and
+/// that something can be baked. The sky map is the one that the settings name. Fast enough for a
+/// request (50 MB within a second). Errors: `invalid_scene` (pointer into the glTF),
+/// `unsupported_extension`, `missing_file`, `nothing_to_bake`, `no_light`, `limit_exceeded`,
+/// `invalid_image` (of the sky map), `canceled`.
+proto::Expected<void> check_scene(const files::SceneFiles&, const proto::BakeSettings&,
+                                  const files::ImportLimits& = {}, std::stop_token = {});
+
+/// The import without what settings add: geometry, materials, punctual lights, images and the sky
+/// map that the files name, decoded. Same errors but `no_light`, and `invalid_image`. What is legal
+/// but not honoured becomes a Scene::warning.
+proto::Expected<scene::Scene> import_files(const files::SceneFiles&,
+                                           const files::ImportLimits& = {}, std::stop_token = {});
+
+/// Adds the lights and the sky of the settings to an imported scene. A sky map that gives no light
+/// is dropped. Errors: `invalid_settings`, `no_light`; `missing_file` when the settings name a sky
+/// map and the import had none; `canceled`.
+proto::Expected<void> apply_settings(scene::Scene&, const proto::BakeSettings&,
+                                     std::stop_token = {});
+
+/// Both of them: the scene that is baked.
+proto::Expected<scene::Scene> import_scene(const files::SceneFiles&, const proto::BakeSettings&,
+                                           const files::ImportLimits& = {}, std::stop_token = {});
+
+/// Names what an import gives: importer, limits, the content of all files, and which of them is the
+/// sky map. 64 hexadecimal digits.
+std::string import_key(const std::string& scene_key, const files::ImportLimits&,
+                       const std::optional<std::string>& sky_map = {});
+
+}  // namespace kiln::import

@@ -1,0 +1,126 @@
+#include "baker/import/sky_map.h"
+
+#include <cmath>
+#include <optional>
+
+#include "baker/exec/stop.h"
+#include "baker/gltf/errors.h"
+#include "baker/gltf/json.h"
+#include "baker/image/sky_decoder.h"
+
+namespace kiln::import {
+namespace {
+
+using proto::Expected;
+using proto::Unexpected;
+
+constexpr const char* kPointer = "/sky/map";
+
+Unexpected fail(const char* code, const std::string& why) {
+  return proto::fail(code, why, "settings", kPointer);
+}
+Unexpected broken(const std::string& why) {
+  return fail("invalid_image", "the sky map can't be used: " + gltf::shortened(why, 200));
+}
+Unexpected too_large(image::ImageSize size, const char* beside, const char* name,
+                     std::uint64_t limit) {
+  return fail("limit_exceeded", "a sky map of " + std::to_string(size.width) + " x " +
+                                    std::to_string(size.height) + " pixels is too large" + beside +
+                                    ": the limit `" + name + "` of this service is " +
+                                    std::to_string(limit));
+}
+
+struct Opened {
+  std::string_view bytes;
+  bool exr = false;
+  image::ImageSize size{};
+  std::optional<image::ColorConversion> to_rec709{};  ///< none: its numbers are that
+};
+
+proto::Expected<Opened> open(gltf::Document& document, const std::string& name,
+                             const files::ImportLimits& limits) {
+  const auto bytes = document.files.named_file(name, "settings", kPointer);
+  if (!bytes) return Unexpected(bytes.error());
+  Opened file{*bytes, image::is_exr(*bytes)};
+  if (!file.exr && !image::is_hdr(*bytes)) return broken("it is neither OpenEXR nor Radiance HDR");
+  const auto header = file.exr ? image::exr_header(*bytes) : image::hdr_header(*bytes);
+  if (!header) return broken(header.error().message);
+  const image::ImageSize size = file.size = header->size;
+  if (std::uint64_t(size.width) * size.height > limits.image_pixels)
+    return too_large(size, "", "image_pixels", limits.image_pixels);
+  if (size.height == 0 || std::uint64_t(size.width) != 2 * std::uint64_t(size.height))
+    return broken("it has " + std::to_string(size.width) + " x " + std::to_string(size.height) +
+                  " pixels; an equirectangular picture is twice as wide as high");
+  const auto long_enough =
+      file.exr ? image::check_exr_length(*bytes) : image::check_hdr_length(*bytes);
+  if (!long_enough) return broken(long_enough.error().message);
+  if (header->primaries && !header->primaries->is_rec709()) {
+    file.to_rec709 = image::ColorConversion::from(*header->primaries);
+    if (!file.to_rec709) return broken("no mixture of the primaries that it names is its white");
+  }
+  return file;
+}
+
+/// What makes a pixel none of a sky; null when nothing does.
+const char* fault_of(math::Rgb c) {
+  for (const float v : {c.r, c.g, c.b}) {
+    if (std::isnan(v)) return "no number";
+    if (v > scene::kMaxSkyValue) return "infinite, or as good as that";
+    if (std::isinf(v)) return "infinite";
+  }
+  return nullptr;
+}
+
+/// Makes the values such as SkyMap has them.
+Expected<void> finish_values(scene::SkyMap& map,
+                             const std::optional<image::ColorConversion>& to_rec709,
+                             gltf::WarningList& warnings, const std::stop_token& stop) {
+  std::uint64_t negative = 0;
+  for (std::size_t i = 0; i < map.texels.size(); ++i) {
+    if (i % map.width == 0 && stop.stop_requested()) return exec::canceled();
+    math::Rgb& c = map.texels[i];
+    const char* fault = fault_of(c);
+    if (!fault && to_rec709) fault = fault_of(c = (*to_rec709)(c));
+    if (fault)
+      return broken("the pixel (" + std::to_string(i % map.width) + ", " +
+                    std::to_string(i / map.width) + ") is " + fault);
+    for (float* v : {&c.r, &c.g, &c.b})
+      if (*v < 0) ++negative, *v = 0;
+  }
+  if (negative > 0)
+    warnings.add("sky_map_negative", kPointer,
+                 "values of the sky map are negative (as linear Rec. 709): they are read as 0",
+                 negative);
+  return {};
+}
+
+}  // namespace
+
+proto::Expected<void> check_sky_map(gltf::Document& document, const std::string& name,
+                                    const files::ImportLimits& limits) {
+  const auto file = open(document, name, limits);
+  if (!file) return Unexpected(file.error());
+  return {};
+}
+
+proto::Expected<void> load_sky_map(gltf::Document& document, scene::Scene& scene,
+                                   const std::string& name, const files::ImportLimits& limits,
+                                   const std::stop_token& stop) {
+  const auto file = open(document, name, limits);
+  if (!file) return Unexpected(file.error());
+  const std::uint64_t pixels = std::uint64_t(file->size.width) * file->size.height;
+  if (pixels + scene.image_texels.size() > limits.all_image_pixels)
+    return too_large(file->size, " beside the textures", "all_image_pixels",
+                     limits.all_image_pixels);
+  scene::SkyMap& map = scene.sky_map;
+  map.width = file->size.width;
+  map.height = file->size.height;
+  if (!exec::grow_unless_stopped(map.texels, pixels, stop)) return exec::canceled();
+  const auto decoded = (file->exr ? image::decode_exr : image::decode_hdr)(file->bytes, file->size,
+                                                                           map.texels, stop);
+  if (!decoded && decoded.error().code == proto::kCanceledCode) return decoded;
+  if (!decoded) return broken(decoded.error().message);
+  return finish_values(map, file->to_rec709, document.warnings, stop);
+}
+
+}  // namespace kiln::import

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <optional>
+
+#include "baker/solver/solver.h"
+#include "baker/solver/work.h"
+
+namespace kiln::progress {
+
+/// How fast a solver goes, and so how long it will take. ahead() may be called from any thread, the
+/// others while no batch runs.
+class Pace {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// @param done before, by an earlier attempt: nobody knows how fast
+  explicit Pace(const solver::Work& done, Clock::time_point now = Clock::now())
+      : start_(now), pass_start_(now), done_(done) {}
+
+  /// @param share of the pass's batches that is done
+  /// @param all that there is to do, as far as is known now
+  struct Ahead {
+    double share_done = 0;               ///< of all
+    std::optional<double> seconds_left;  ///< nothing until enough has been done to tell
+  };
+  /// The pass that begins has this share of its batches from an earlier attempt.
+  void resume_within(double share) { restored_ = share; }
+  Ahead ahead(const solver::Pass&, double share, const solver::Work& all,
+              Clock::time_point = Clock::now()) const;
+  void end_pass(const solver::Pass&, Clock::time_point = Clock::now());
+
+ private:
+  using Rates = std::array<double, solver::Work::kKinds>;  ///< s per unit
+  /// What has been timed.
+  struct Timed {
+    std::array<double, solver::Work::kKinds> seconds{}, work{};
+
+    bool any() const;
+    Rates rates() const;
+    /// `seconds` for `work`, shared out by the rates so far.
+    void add(const solver::Work& work, double seconds);
+  };
+
+  Clock::time_point start_, pass_start_;
+  solver::Work done_;    ///< passes that have ended
+  double restored_ = 0;  ///< of the pass under way
+  Timed timed_;
+};
+
+}  // namespace kiln::progress

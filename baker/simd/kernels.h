@@ -1,0 +1,137 @@
+#pragma once
+
+#include <cstdint>
+
+/// The inner loops of sampling, sixteen lanes at a time, compiled once per instruction set and
+/// chosen at run time. All arithmetic is IEEE single precision without contraction, so every
+/// version gives the same bits.
+namespace kiln::simd {
+
+/// Sixteen footprint points: positions, ray origins and shading frames, structure of arrays.
+/// Lane = point.
+struct alignas(64) PointFrames {
+  float position[3][16], origin[3][16];
+  float geometric_normal[3][16];
+  float tangent_x[3][16], tangent_y[3][16], shading_normal[3][16];
+};
+
+struct alignas(64) Directions {
+  float direction[3][16];  ///< unit
+  float above[16];         ///< cosine to the geometric normal
+};
+
+/// Sixteen Sobol points (fractions of 2^32) and how they are Owen-scrambled: the bits of `shared`
+/// by the seeds that all lanes share, those below by the lane's own.
+struct alignas(64) ScrambledPoints {
+  std::uint32_t x[16], y[16];
+  std::uint32_t seed_x[16], seed_y[16];
+  std::uint32_t shared_x = 0, shared_y = 0, shared_seed_x = 0, shared_seed_y = 0;
+};
+
+/// Cosine-distributed directions about each lane's shading normal.
+using DirectionKernel = void (*)(const ScrambledPoints&, const PointFrames&, Directions&);
+
+/// A flat light: a triangle, or a parallelogram (four corners, the last one opposite the second).
+struct LightShape {
+  float corner[4][3];  ///< m, counter-clockwise seen from the front
+  float normal[3];     ///< unit
+  float area_m2;
+  std::int32_t corners;  ///< 3 or 4
+};
+
+/// What sixteen points see of a light.
+struct alignas(64) LightView {
+  float irradiance[16];  ///< at unit radiance, lx; wrong where the light crosses the horizon
+  float lowest[16];      ///< smallest cosine of a corner to the shading or geometric normal
+  float height[16];      ///< of the point over the light's plane, m
+};
+
+/// Lambert's formula: irradiance from a uniform polygon, not clipped, unoccluded.
+using ViewKernel = void (*)(const LightShape&, const PointFrames&, LightView&);
+
+/// Shadow rays from sixteen points to points of a light that are uniform in area.
+struct alignas(64) LightRays {
+  float direction[3][16];  ///< from the origin to just before the light: t in (0, 1) must be free
+  float weight[16];        ///< what the sample estimates the irradiance at unit radiance to be
+};
+
+/// Lane i takes the Sobol point number i ^ flip of `x`, `y` (fractions of 2^32), Owen-scrambled by
+/// the two seeds.
+/// @param clearance distance off the light at which shadow rays end, m
+using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const std::uint32_t* y,
+                             std::uint32_t flip, std::uint32_t seed_x, std::uint32_t seed_y,
+                             const PointFrames&, float clearance, LightRays&);
+
+/// Sixteen flat lights.
+struct alignas(64) LightGroup {
+  float centre[3][16], normal[3][16];
+  float radius[16];  ///< from the centre to the farthest corner, m
+  float power[16];   ///< luminance times area, cd; 0 in lanes without a light
+  float back[16];    ///< -1 where it shines to both sides, else 1
+};
+
+/// A point that stands for the surface around it.
+struct Viewpoint {
+  float point[3], normal[3];
+  float extent;  ///< how far that surface reaches, m
+  float reach;   ///< lights nearer than this and their own size are too near to be weighed so, m
+};
+
+/// About what the surface around a viewpoint gets from each of many lights if nothing stands
+/// between, to be added to `weight`, sixteen for each group. A light across a horizon, the
+/// surface's or its own, counts by the part of its width and the surface's that is not behind it.
+/// Bit i of near[g] is set, and nothing added, where light i of group g is too near.
+using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const Viewpoint&,
+                             float* weight, std::uint32_t* near);
+
+/// Where a triangle lies on its page, in texels. All that a look-up reads of it is in one cache
+/// line.
+struct alignas(32) PlacedTriangle {
+  float first[2];  ///< u, v of the first corner
+  float to_second[2], to_third[2];
+  std::int32_t page = 0;  ///< its page's offset in TexelGrid::cells
+  std::int32_t double_sided = 0;
+};
+
+/// The maps from triangles to pages and from pages to texels, as the look-up kernel reads them.
+struct TexelGrid {
+  static constexpr std::int32_t kWhole = 1 << 30;
+
+  /// All pages in one row, row by row: index of the texel, -1 where there is none. kWhole is added
+  /// where the block of the texel with its right, lower and diagonal neighbours is covered wholly
+  /// by one chart.
+  const std::int32_t* cells = nullptr;
+  const PlacedTriangle* triangles = nullptr;
+  std::int32_t width = 0;  ///< of every page
+};
+
+/// What look-ups find beside a texel.
+inline constexpr std::uint32_t kHitNothing = 0xffffffffu;  ///< a one-sided surface's back
+inline constexpr std::uint32_t kHitSky = 0xfffffffeu;
+inline constexpr std::uint32_t kHitUnclear = 0xfffffffdu;  ///< for TexelLookup::pick to decide
+
+/// From sixteen hits to the texels that hold their light: one of the four around each, picked with
+/// its bilinear weight by `u` in [0,1). Lanes with `triangle` 0xffffffff become kHitSky.
+/// @param back non-zero where the hit was met from behind
+using LookupKernel = void (*)(const TexelGrid&, const std::uint32_t* triangle, const float* bary_u,
+                              const float* bary_v, const std::uint32_t* back, const float* u,
+                              std::uint32_t* hit);
+
+struct Kernels {
+  const char* name;
+  DirectionKernel directions;
+  ViewKernel view_light;
+  LightKernel sample_light;
+  WeighKernel weigh_lights;
+  LookupKernel look_up;
+};
+
+enum class InstructionSet { kSse2, kAvx2, kAvx512 };
+
+/// The best version that this machine runs. Thread-safe.
+const Kernels& kernels();
+/// A given version; the machine must have it (see best_instruction_set()).
+const Kernels& kernels(InstructionSet);
+InstructionSet best_instruction_set();
+
+}  // namespace kiln::simd

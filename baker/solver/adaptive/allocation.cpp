@@ -1,0 +1,68 @@
+#include "baker/solver/adaptive/allocation.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace kiln::solver::adaptive {
+namespace {
+
+struct Choice {
+  std::uint32_t doublings = 0;
+  double variance = 0;  ///< afterwards
+};
+
+/// How the variance of a lot falls.
+struct Fall {
+  double slope, by_doubling;  ///< what one doubling leaves of it
+
+  explicit Fall(double s) : slope(s), by_doubling(std::exp2(-2 * s)) {}
+  double left(double had, double more) const {
+    return more < had ? std::pow(1 + more / had, -2 * slope) : by_doubling;
+  }
+};
+
+Choice at_price(const SampleLot& lot, double price, const Fall& fall) {
+  Choice c{0, lot.variance};
+  for (double had = lot.samples; had > 0 && had < lot.most;) {
+    const double more = std::min(had, lot.most - had), left = fall.left(had, more);
+    if (!(c.variance * (1 - left) > price * more * lot.cost)) break;
+    c.variance *= left, had += more;
+    ++c.doublings;
+  }
+  return c;
+}
+
+}  // namespace
+
+std::vector<std::uint32_t> least_doublings(std::span<const SampleLot> lots, double allowed,
+                                           double slope) {
+  const Fall fall(slope);
+  const auto variance_at = [&](double price) {
+    double sum = 0;
+    for (const SampleLot& lot : lots) sum += at_price(lot, price, fall).variance;
+    return sum;
+  };
+  constexpr double kNearLeast = 1.25;
+  if (const double least = variance_at(0); least > allowed) allowed = kNearLeast * least;
+  // The price at which no lot doubles any more.
+  double high = 0;
+  for (const SampleLot& lot : lots) {
+    const double more = std::min(lot.samples, lot.most - lot.samples);
+    if (lot.cost > 0 && more > 0)
+      high = std::max(high, lot.variance * (1 - fall.left(lot.samples, more)) / (more * lot.cost));
+  }
+  std::vector<std::uint32_t> doublings(lots.size());
+  if (!(high > 0) || variance_at(high) <= allowed) return doublings;
+  double low = high;
+  constexpr int kSteps = 60;  // of a factor of 4, far below the price of any last doubling
+  for (int i = 0; i < kSteps && variance_at(low) > allowed; ++i) high = low, low /= 4;
+  for (int i = 0; i < kSteps; ++i) {
+    const double price = std::sqrt(low * high);
+    (variance_at(price) > allowed ? high : low) = price;
+  }
+  for (std::size_t i = 0; i < lots.size(); ++i)
+    doublings[i] = at_price(lots[i], low, fall).doublings;
+  return doublings;
+}
+
+}  // namespace kiln::solver::adaptive

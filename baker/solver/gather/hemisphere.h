@@ -1,0 +1,50 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "baker/sampling/direction_set.h"
+#include "baker/simd/kernels.h"
+#include "baker/solver/gather/packet_layout.h"
+#include "baker/solver/solver.h"
+
+namespace kiln::solver::gather {
+
+/// Rays over the hemispheres of texels' footprints, to the texels that hold the light of what they
+/// meet. Immutable; callable from many threads.
+class Hemisphere {
+ public:
+  Hemisphere(const SolverInput&, const PacketPlan&);
+
+  /// A texel that sends rays, and what it gets.
+  struct Gathering {
+    std::uint32_t texel = 0;
+    std::span<std::uint32_t> hits;  ///< per direction: a texel, kHitSky or kHitNothing
+    float visible = 1;              ///< see follow_and_probe()
+    /// Radiance of a sky map in the directions that met nothing, weighted by SkyShares: sums over
+    /// the two halves of the directions. Black where the sky is uniform.
+    std::array<math::Rgb, 2> sky{};
+  };
+  /// Texels whose directions are followed together lie in one run of so many.
+  static constexpr std::uint32_t kTileTexels = 64;
+
+  /// Follows the directions of some texels of one tile, dealt over the points of their footprints.
+  /// What a texel gets does not depend on the others.
+  void follow(std::span<Gathering>, const sampling::DirectionSet&) const;
+  /// The same, and tells the share of each footprint that is not hidden: all rays from a hidden
+  /// point meet the backs of surfaces. Sends more rays where few of them met backs.
+  void follow_and_probe(std::span<Gathering>, const sampling::DirectionSet&) const;
+
+ private:
+  struct Census;
+  class Tracer;
+  void trace(std::span<Gathering>, const sampling::DirectionSet&, std::span<Census>) const;
+
+  const SolverInput& in_;
+  const PacketPlan& plan_;
+  const simd::Kernels& kernels_;
+  const sampling::DirectionSet probe_;
+};
+
+}  // namespace kiln::solver::gather

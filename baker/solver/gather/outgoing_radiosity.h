@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "baker/lightmap/lightmap.h"
+#include "baker/sampling/direction_set.h"
+#include "baker/simd/kernels.h"
+#include "baker/solver/solver.h"
+
+namespace kiln::solver::gather {
+
+/// The radiosity that gathering rays read at what they meet: light times albedo, mended where
+/// texels lie hidden. Light is linear: a bounce reads only what the one before it has changed.
+class Feedback {
+ public:
+  explicit Feedback(const SolverInput& in) : in_(in) {}
+
+  /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
+  void find_hidden(const lightmap::Lightmap&);
+  bool knows_hidden() const { return knows_hidden_; }
+
+  /// Takes from the light what B has grown by since Lightmap::radiosity. [RTRad 5.4] False when
+  /// stopped.
+  bool read(const lightmap::Lightmap&, const exec::Workers&);
+  /// Times so much: for an update that stands for those after it, too.
+  void scale(float);
+  /// Takes over what a feedback held before.
+  void restore(const lightmap::Plane<math::Rgb>& radiosity);
+  /// Gives its memory back, until the next read() or restore().
+  void forget() { radiosity_ = {}; }
+
+  math::Rgb radiosity(std::uint32_t texel) const {
+    const Radiosity& b = radiosity_[texel];
+    return {b.r, b.g, b.b};
+  }
+  /// Mean of the radiosity at the hits, lx; sky and nothing count as dark.
+  sampling::Estimate look_up(const sampling::DirectionSet&,
+                             std::span<const std::uint32_t> hits) const;
+
+ private:
+  /// As the look-ups read it: one aligned load.
+  struct alignas(16) Radiosity {
+    float r = 0, g = 0, b = 0, pad = 0;
+  };
+  /// A texel that lies hidden, whose radiosity comes from the texels around it: a ray that meets
+  /// the surface beside it must not read the dark beneath a block that stands there.
+  struct Repair {
+    std::uint32_t texel = 0;
+    std::uint32_t count = 0;
+    std::array<std::uint32_t, 8> neighbour{};
+  };
+
+  const SolverInput& in_;
+  std::vector<Radiosity> radiosity_;
+  std::vector<Repair> repairs_;
+  bool knows_hidden_ = false;
+};
+
+}  // namespace kiln::solver::gather

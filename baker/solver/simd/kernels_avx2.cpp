@@ -1,3 +1,0 @@
-#define KILN_KERNELS kAvx2Kernels
-#define KILN_KERNELS_NAME "avx2"
-#include "baker/solver/simd/kernels.inl"

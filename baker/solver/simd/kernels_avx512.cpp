@@ -1,3 +1,0 @@
-#define KILN_KERNELS kAvx512Kernels
-#define KILN_KERNELS_NAME "avx512"
-#include "baker/solver/simd/kernels.inl"

@@ -1,3 +1,0 @@
-#define KILN_KERNELS kSse2Kernels
-#define KILN_KERNELS_NAME "sse2"
-#include "baker/solver/simd/kernels.inl"

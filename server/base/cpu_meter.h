@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <mutex>
+
+namespace kiln::base {
+
+/// Shares the processor time of this process and its ended children among the jobs that run: all of
+/// it to one that runs alone, even parts to several, which take turns on the same threads.
+/// Thread-safe.
+class CpuMeter {
+ public:
+  /// `clock`: processor seconds used so far; a test's stand-in for that of the process.
+  explicit CpuMeter(std::function<double()> clock = process_seconds);
+
+  /// One job that runs, until it is destroyed.
+  class Run {
+   public:
+    explicit Run(CpuMeter&);
+    ~Run();
+    Run(const Run&) = delete;
+    Run& operator=(const Run&) = delete;
+    double seconds() const;  ///< so far
+
+   private:
+    CpuMeter& meter_;
+    std::uint64_t id_ = 0;
+  };
+
+  static double process_seconds();
+
+ private:
+  void share();  ///< needs mutex_
+
+  std::function<double()> clock_;
+  std::mutex mutex_;
+  double seen_ = 0;                         ///< guarded by mutex_
+  std::uint64_t next_ = 0;                  ///< guarded by mutex_
+  std::map<std::uint64_t, double> shares_;  ///< of the jobs that run; guarded by mutex_
+};
+
+}  // namespace kiln::base

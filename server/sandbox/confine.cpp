@@ -1,0 +1,123 @@
+#include "server/sandbox/confine.h"
+
+#include <fcntl.h>
+#include <seccomp.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <memory>
+#include <system_error>
+
+#include "proto/files.h"
+
+namespace kiln::sandbox {
+namespace {
+
+// The shadow memory of a sanitizer is larger than any limit; and it writes to a pipe of its own
+// what it wants to look at, to see whether it may be read.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;
+constexpr std::uint64_t kNewDescriptors = 16;
+#else
+constexpr bool kSanitized = false;
+constexpr std::uint64_t kNewDescriptors = 0;
+#endif
+
+/// Room for the program, its libraries and its stack, which count as address space too.
+constexpr std::uint64_t kProgramBytes = 512ull << 20;
+
+bool limit(int resource, std::uint64_t value) {
+  const rlimit both{value, value};
+  return ::setrlimit(static_cast<__rlimit_resource>(resource), &both) == 0;
+}
+
+/// Bytes of this process's address space that are in use: what is mapped already, the upload too.
+std::uint64_t mapped_bytes() {
+  const proto::Fd file(::open("/proc/self/statm", O_RDONLY | O_CLOEXEC));
+  char text[64] = {};
+  if (!file.valid() || ::read(file.get(), text, sizeof text - 1) <= 0) return 0;
+  return std::strtoull(text, nullptr, 10) * std::uint64_t(::sysconf(_SC_PAGESIZE));
+}
+
+bool limit_memory(std::uint64_t bytes) {
+  if (bytes == 0 || kSanitized) return false;
+  return limit(RLIMIT_DATA, bytes) && limit(RLIMIT_AS, mapped_bytes() + bytes + kProgramBytes);
+}
+
+/// Where memory runs short the kernel is to end this process, not the service.
+void go_first() {
+  const proto::Fd file(::open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC));
+  if (file.valid() && ::write(file.get(), "1000", 4) != 4)
+    return;  // then it is as likely as others
+}
+
+// What the C and C++ libraries call for memory, descriptors, clocks, and to end.
+constexpr int kCalls[] = {
+    SCMP_SYS(read),           SCMP_SYS(pread64),      SCMP_SYS(write),
+    SCMP_SYS(pwrite64),       SCMP_SYS(writev),       SCMP_SYS(lseek),
+    SCMP_SYS(close),          SCMP_SYS(fstat),        SCMP_SYS(munmap),
+    SCMP_SYS(mremap),         SCMP_SYS(brk),          SCMP_SYS(madvise),
+    SCMP_SYS(futex),          SCMP_SYS(exit),         SCMP_SYS(exit_group),
+    SCMP_SYS(rt_sigreturn),   SCMP_SYS(rt_sigaction), SCMP_SYS(rt_sigprocmask),
+    SCMP_SYS(sigaltstack),    SCMP_SYS(getpid),       SCMP_SYS(gettid),
+    SCMP_SYS(clock_gettime),  SCMP_SYS(gettimeofday), SCMP_SYS(getrandom),
+    SCMP_SYS(sysinfo),        SCMP_SYS(sched_yield),  SCMP_SYS(getrusage),
+    SCMP_SYS(restart_syscall)};
+
+/// 0, or minus an errno.
+int allow(scmp_filter_ctx filter) {
+  for (const int call : kCalls)
+    if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0)
+      return error;
+  const auto not_executable = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0);
+  for (const int call : {SCMP_SYS(mmap), SCMP_SYS(mprotect)})
+    if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 1, not_executable);
+        error != 0)
+      return error;
+  if (kSanitized)
+    for (const int call : {SCMP_SYS(pipe), SCMP_SYS(pipe2)})
+      if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0)
+        return error;
+  // fstat() of glibc; abort(), which signals this process only.
+  if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(newfstatat), 1,
+                                           SCMP_A3(SCMP_CMP_EQ, AT_EMPTY_PATH));
+      error != 0)
+    return error;
+  return ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1,
+                            SCMP_A0(SCMP_CMP_EQ, static_cast<scmp_datum_t>(::getpid())));
+}
+
+/// Why there is no filter; "" when there is.
+std::string filter_calls() {
+  const auto why = [](int error) { return std::system_category().message(-error); };
+  const std::unique_ptr<void, decltype(&::seccomp_release)> filter(
+      ::seccomp_init(SCMP_ACT_ERRNO(EPERM)), &::seccomp_release);
+  if (!filter) return "libseccomp can't be used";
+  // A sanitizer's own thread is held as well.
+  if (const int error = ::seccomp_attr_set(filter.get(), SCMP_FLTATR_CTL_TSYNC, 1); error != 0)
+    return why(error);
+  if (const int error = allow(filter.get()); error != 0) return why(error);
+  const int error = ::seccomp_load(filter.get());
+  return error == 0 ? "" : why(error);
+}
+
+}  // namespace
+
+Confinement confine(std::uint64_t memory_bytes, std::uint32_t seconds, std::uint64_t file_bytes) {
+  Confinement done;
+  go_first();
+  done.memory = limit_memory(memory_bytes);
+  limit(RLIMIT_CORE, 0);
+  if (file_bytes > 0) limit(RLIMIT_FSIZE, file_bytes);
+  limit(RLIMIT_NPROC, 0);
+  if (seconds > 0) limit(RLIMIT_CPU, seconds);
+  ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+  limit(RLIMIT_NOFILE, kNewDescriptors);
+  done.no_seccomp = filter_calls();
+  return done;
+}
+
+}  // namespace kiln::sandbox

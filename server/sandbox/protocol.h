@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "baker/import/import.h"
+#include "proto/expected.h"
+
+namespace kiln::sandbox {
+
+/// What the service tells its import process, and what that answers: one JSON document each way.
+/// The request lies in a file that is the process's standard input, the answer comes through a pipe
+/// that is its standard output. All files that it may read or write are open when it starts; the
+/// request names them by descriptor.
+enum class ImportWork {
+  kProbe,   ///< nothing: to see that it starts, and what holds it
+  kCheck,   ///< check_scene
+  kImport,  ///< import_files, its product as a scene file
+  kLit,     ///< write_lit_glb
+};
+
+struct ImportFile {
+  std::string name;  ///< "" for the main file
+  int fd = -1;
+};
+
+struct ImportRequest {
+  ImportWork work = ImportWork::kProbe;
+  std::string key;       ///< import_key() of the scene file, which is written or read
+  std::string settings;  ///< of a check: JSON
+  files::ImportLimits limits;
+  std::uint64_t memory_bytes = 0;      ///< 0: no limit
+  std::uint32_t seconds = 0;           ///< of processor time; 0: no limit
+  std::vector<ImportFile> files;       ///< the upload, main file first
+  std::optional<std::string> sky_map;  ///< of an import: name of the file that is the sky map
+  int product = -1;                    ///< to write: scene file, lit.glb
+  int scene = -1;                      ///< of kLit: the scene file
+  int lit = -1;                        ///< of kLit: the lit request (baker/output/lit_request.h)
+};
+
+/// What keeps an import process in.
+struct Confinement {
+  bool memory = false;     ///< its address space is limited
+  std::string no_seccomp;  ///< why system calls are not filtered; "" where they are
+};
+
+struct ImportAnswer {
+  Confinement confinement;
+  std::optional<proto::Error> error;
+};
+
+std::string request_text(const ImportRequest&);
+/// Errors: `bad_document`.
+proto::Expected<ImportRequest> parse_request(const std::string& text);
+
+std::string answer_text(const ImportAnswer&);
+/// Of a process that may have been taken over: an error with a code that no import has is refused.
+/// Errors: `bad_document`.
+proto::Expected<ImportAnswer> parse_answer(const std::string& text);
+
+/// Longer answers are refused.
+inline constexpr std::size_t kMaxAnswerBytes = std::size_t{256} * 1024;
+
+}  // namespace kiln::sandbox

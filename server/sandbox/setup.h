@@ -1,0 +1,18 @@
+#pragma once
+
+#include <memory>
+
+#include "server/base/config.h"
+#include "server/sandbox/importer.h"
+
+namespace kiln::sandbox {
+
+/// The limits of imports that the configuration sets.
+files::ImportLimits import_limits(const base::ServerConfig&);
+
+/// The importer of a service: logs what fails, and once how its processes are confined.
+/// Errors: those of starting a process.
+proto::Expected<std::shared_ptr<const Importer>> make_importer(const base::ServerConfig&,
+                                                               std::shared_ptr<base::MemoryBudget>);
+
+}  // namespace kiln::sandbox

@@ -1,0 +1,354 @@
+#include "server/sandbox/supervisor.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <optional>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+extern char** environ;
+
+namespace kiln::sandbox {
+namespace {
+
+using proto::Expected;
+using proto::Fd;
+using proto::Unexpected;
+using Clock = std::chrono::steady_clock;
+
+/// Of the words of a process on its standard error, so much is kept.
+constexpr std::size_t kMaxSaid = 2048;
+constexpr int kFirstFile = STDERR_FILENO + 1;
+
+Unexpected cannot(const char* what, int error) {
+  return proto::fail("io_error", std::string("The import process can't be started: ") + what +
+                                     ": " + std::system_category().message(error) + ".");
+}
+
+/// Descriptors in the order in which the process gets them, from kFirstFile on.
+class Inheritance {
+ public:
+  int add(int fd) {
+    if (fd < 0) return -1;
+    sources_.push_back(fd);
+    return kFirstFile + static_cast<int>(sources_.size()) - 1;
+  }
+  proto::Expected<int> open(const std::filesystem::path& path) {
+    opened_.emplace_back(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    if (!opened_.back().valid())
+      return proto::fail("missing_file", "cannot read \"" + path.filename().string() + "\"");
+    return add(opened_.back().get());
+  }
+  const std::vector<int>& sources() const { return sources_; }
+
+ private:
+  std::vector<int> sources_;
+  std::vector<Fd> opened_;
+};
+
+proto::Expected<ImportRequest> make_request(const ImportProcessOptions& options,
+                                            const ImportJob& job, Inheritance& files) {
+  ImportRequest request{job.work,
+                        job.key,
+                        job.settings,
+                        job.limits,
+                        options.memory_bytes,
+                        options.seconds,
+                        {},
+                        job.files.sky_map,
+                        files.add(job.product),
+                        files.add(job.scene),
+                        files.add(job.lit)};
+  if (job.work == ImportWork::kProbe) return request;
+  const auto main = files.open(job.files.main);
+  if (!main) return Unexpected(main.error());
+  request.files.push_back({"", *main});
+  for (const auto& [name, path] : job.files.side) {
+    const auto side = files.open(path);
+    if (!side) return Unexpected(side.error());
+    request.files.push_back({name, *side});
+  }
+  return request;
+}
+
+/// The request as a file to read from its beginning: unlike a pipe it takes all of it at once.
+Expected<Fd> request_file(const ImportRequest& request) {
+  Fd file(::memfd_create("import-request", MFD_CLOEXEC));
+  if (!file.valid()) return cannot("memfd", errno);
+  if (auto ok = proto::write_all(file.get(), request_text(request), "request"); !ok)
+    return Unexpected(ok.error());
+  ::lseek(file.get(), 0, SEEK_SET);
+  return file;
+}
+
+struct Pipe {
+  Fd read, write;
+  static proto::Expected<Pipe> make() {
+    std::array<int, 2> ends{};
+    if (::pipe2(ends.data(), O_CLOEXEC) != 0) return cannot("pipe", errno);
+    Pipe pipe{Fd(ends[0]), Fd(ends[1])};
+    ::fcntl(pipe.read.get(), F_SETFL, O_NONBLOCK);
+    return pipe;
+  }
+};
+
+/// Of the environment only what the loader and sanitizers read: it may hold secrets.
+std::vector<char*> plain_environment() {
+  std::vector<char*> kept;
+  for (char** entry = environ; *entry != nullptr; ++entry)
+    for (const char* name :
+         {"LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=", "TSAN_OPTIONS="})
+      if (std::strncmp(*entry, name, std::strlen(name)) == 0) kept.push_back(*entry);
+  kept.push_back(nullptr);
+  return kept;
+}
+
+/// posix_spawn's two structures.
+class SpawnPlan {
+ public:
+  SpawnPlan() {
+    ::posix_spawn_file_actions_init(&actions_);
+    ::posix_spawnattr_init(&attributes_);
+    // A group of its own, so that Ctrl-C reaches it through the service only; a service's signals
+    // stay blocked until it ignores them.
+    sigset_t blocked;
+    sigemptyset(&blocked);
+    for (const int number : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&blocked, number);
+    ::posix_spawnattr_setsigmask(&attributes_, &blocked);
+    ::posix_spawnattr_setpgroup(&attributes_, 0);
+    ::posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETPGROUP);
+  }
+  SpawnPlan(const SpawnPlan&) = delete;
+  SpawnPlan& operator=(const SpawnPlan&) = delete;
+  ~SpawnPlan() {
+    ::posix_spawn_file_actions_destroy(&actions_);
+    ::posix_spawnattr_destroy(&attributes_);
+  }
+
+  /// The process gets these as 0, 1, 2 ... and nothing else. They are copied out of the way first,
+  /// for one may lie where another is to go.
+  int give(std::vector<int> sources) {
+    const int count = static_cast<int>(sources.size());
+    for (int& fd : sources) {
+      Fd& copy = copies_.emplace_back(::fcntl(fd, F_DUPFD_CLOEXEC, count));
+      if (!copy.valid()) return errno;
+      fd = copy.get();
+    }
+    for (int i = 0; i < count; ++i)
+      if (const int error = ::posix_spawn_file_actions_adddup2(
+              &actions_, sources[static_cast<std::size_t>(i)], i);
+          error != 0)
+        return error;
+    return ::posix_spawn_file_actions_addclosefrom_np(&actions_, count);
+  }
+
+  int run(const std::filesystem::path& program, pid_t& pid) {
+    std::string name = "lightkiln", command = "import-stage", parent = std::to_string(::getpid());
+    std::array<char*, 4> words{name.data(), command.data(), parent.data(), nullptr};
+    return ::posix_spawn(&pid, program.c_str(), &actions_, &attributes_, words.data(),
+                         plain_environment().data());
+  }
+
+ private:
+  posix_spawn_file_actions_t actions_{};
+  posix_spawnattr_t attributes_{};
+  std::vector<Fd> copies_;
+};
+
+enum class End { kByItself, kStopped, kLate, kTalkedTooMuch };
+
+/// A running process: waited for by this thread, killed at the latest when this goes.
+class Process {
+ public:
+  Process(pid_t pid, Fd answer, Fd said)
+      : pid_(pid), answer_fd_(std::move(answer)), said_fd_(std::move(said)) {}
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+  ~Process() {
+    if (pid_ > 0) kill_now();
+  }
+
+  /// Reads what it says until it closes its pipes, and waits for its end.
+  End wait(std::optional<Clock::time_point> deadline, const std::stop_token& stop) {
+    const Fd wake(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+    const std::stop_callback on_stop(stop, [&] { ::eventfd_write(wake.get(), 1); });
+    End end = End::kByItself;
+    while (end == End::kByItself && (answer_fd_.valid() || said_fd_.valid())) {
+      std::array<pollfd, 3> files{
+          {{answer_fd_.get(), POLLIN, 0}, {said_fd_.get(), POLLIN, 0}, {wake.get(), POLLIN, 0}}};
+      ::poll(files.data(), files.size(), milliseconds_to(deadline));
+      if (stop.stop_requested())
+        end = End::kStopped;
+      else if (deadline && Clock::now() >= *deadline)
+        end = End::kLate;
+      else if (!take(answer_fd_, answer_, kMaxAnswerBytes))
+        end = End::kTalkedTooMuch;
+      else
+        take(said_fd_, said_, kMaxSaid);
+    }
+    if (end == End::kByItself) end = reap_within(deadline, stop);
+    if (end != End::kByItself) kill_now();
+    return end;
+  }
+
+  const std::string& answer() const { return answer_; }
+  const std::string& said() const { return said_; }
+  int status() const { return status_; }
+
+ private:
+  static int milliseconds_to(std::optional<Clock::time_point> deadline) {
+    if (!deadline) return -1;
+    const auto left =
+        std::chrono::ceil<std::chrono::milliseconds>(*deadline - Clock::now()).count();
+    return static_cast<int>(std::clamp<std::int64_t>(left, 0, 60'000));
+  }
+
+  /// False when there is more than `max`. Beyond `max` the rest is read and forgotten.
+  static bool take(Fd& fd, std::string& to, std::size_t max) {
+    std::array<char, 16384> piece;
+    while (fd.valid()) {
+      const ssize_t n = ::read(fd.get(), piece.data(), piece.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0 && errno == EAGAIN) break;
+      if (n <= 0) {
+        fd.reset();
+        break;
+      }
+      const std::size_t room = max - to.size(), got = static_cast<std::size_t>(n);
+      to.append(piece.data(), std::min(room, got));
+      if (got > room) return false;
+    }
+    return true;
+  }
+
+  /// A process that closed its pipes is all but gone.
+  End reap_within(std::optional<Clock::time_point> deadline, const std::stop_token& stop) {
+    for (auto pause = std::chrono::microseconds(50);;
+         pause = std::min(pause * 2, std::chrono::microseconds(10'000))) {
+      const pid_t got = ::waitpid(pid_, &status_, WNOHANG);
+      if (got == pid_) {
+        pid_ = -1;
+        return End::kByItself;
+      }
+      if (stop.stop_requested()) return End::kStopped;
+      if (deadline && Clock::now() >= *deadline) return End::kLate;
+      std::this_thread::sleep_for(pause);
+    }
+  }
+
+  void kill_now() {
+    ::kill(-pid_, SIGKILL);  // with whatever it started where system calls are not filtered
+    ::kill(pid_, SIGKILL);
+    while (::waitpid(pid_, &status_, 0) < 0 && errno == EINTR) {
+    }
+    pid_ = -1;
+  }
+
+  pid_t pid_;
+  Fd answer_fd_, said_fd_;
+  std::string answer_, said_;
+  int status_ = 0;
+};
+
+std::string text_of(std::uint64_t number) {
+  return std::to_string(number);
+}
+
+Unexpected too_late(const ImportProcessOptions& options) {
+  return proto::fail("import_timeout",
+                     "Reading the scene took longer than the limit `import_seconds` of this "
+                     "service, " +
+                         text_of(options.seconds) + ".");
+}
+
+Unexpected out_of_memory(const ImportProcessOptions& options) {
+  return proto::fail("import_out_of_memory",
+                     options.memory_bytes > 0
+                         ? "Reading the scene takes more memory than the " +
+                               text_of(options.memory_bytes) +
+                               " bytes that `import_memory_bytes` and `memory_budget_bytes` of "
+                               "this service leave for it."
+                         : "Reading the scene takes more memory than there is.");
+}
+
+Unexpected crashed(const std::string& how) {
+  return proto::fail("import_crashed",
+                     "The process that read the scene " + how +
+                         ". The scene may be made to do this, or meet a fault of the decoders.");
+}
+
+/// What became of the process, as the job's outcome.
+Expected<Confinement> outcome_of(const ImportProcessOptions& options, const Process& process,
+                                 End end) {
+  if (end == End::kStopped) return proto::fail(proto::kCanceledCode, "canceled");
+  if (end == End::kLate) return too_late(options);
+  if (end == End::kTalkedTooMuch) return crashed("answered too much");
+  const int status = process.status();
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) return too_late(options);
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL)
+    return crashed("was killed by the system, for want of memory perhaps");
+  if (WIFSIGNALED(status))
+    return crashed("was ended by signal " + std::to_string(WTERMSIG(status)) + " (" +
+                   ::sigdescr_np(WTERMSIG(status)) + ")");
+  if (WEXITSTATUS(status) != 0)
+    return crashed("ended with code " + std::to_string(WEXITSTATUS(status)));
+  auto answer = parse_answer(process.answer());
+  if (!answer) return crashed("gave no valid answer: " + answer.error().message);
+  if (!answer->error) return answer->confinement;
+  if (answer->error->code == "import_out_of_memory") return out_of_memory(options);
+  return Unexpected(std::move(*answer->error));
+}
+
+}  // namespace
+
+proto::Expected<Confinement> run_import_process(const ImportProcessOptions& options,
+                                                const ImportJob& job, std::stop_token stop) {
+  Inheritance files;
+  const auto request = make_request(options, job, files);
+  if (!request) return Unexpected(request.error());
+  const auto input = request_file(*request);
+  if (!input) return Unexpected(input.error());
+  auto answer = Pipe::make();
+  if (!answer) return Unexpected(answer.error());
+  auto said = Pipe::make();
+  if (!said) return Unexpected(said.error());
+
+  std::vector<int> given{input->get(), answer->write.get(), said->write.get()};
+  given.insert(given.end(), files.sources().begin(), files.sources().end());
+  pid_t pid = -1;
+  {
+    SpawnPlan plan;
+    if (const int error = plan.give(std::move(given)); error != 0)
+      return cannot("descriptors", error);
+    if (const int error = plan.run(options.program, pid); error != 0)
+      return cannot(options.program.c_str(), error);
+  }
+  Process process(pid, std::move(answer->read), std::move(said->read));
+  answer->write.reset();
+  said->write.reset();
+  if (options.started) options.started(pid);
+  std::optional<Clock::time_point> deadline;
+  if (options.seconds > 0) deadline = Clock::now() + std::chrono::seconds(options.seconds);
+  const End end = process.wait(deadline, stop);
+  auto outcome = outcome_of(options, process, end);
+  const bool by_itself =
+      end == End::kByItself && WIFEXITED(process.status()) && WEXITSTATUS(process.status()) == 0;
+  if (!outcome && !(by_itself && outcome.error().code != "import_crashed") &&
+      end != End::kStopped && options.failed)
+    options.failed(outcome.error().message, process.said());
+  return outcome;
+}
+
+}  // namespace kiln::sandbox
