@@ -13,7 +13,7 @@ namespace {
 
 using baker::Rgb;
 
-/// A sky with a gradient and a small sun, by pixel.
+/// Draws a sky with a gradient and a small sun, pixel by pixel and without libm.
 SkyPicture sky(std::uint32_t rows, Rgb sun) {
   std::uint32_t pixel = 0;
   return {rows, [&](baker::Vec3) -> Rgb {
@@ -49,8 +49,8 @@ struct CubeFaces {
   }
 };
 
-/// Cubes that share a mesh, one of them mirrored, on a slab and under a lamp; some are seen from
-/// both sides. Compressed by meshopt.
+/// Builds cubes that share meshes on a slab and under a lamp. One is mirrored, some are seen from
+/// both sides. The file is compressed by meshopt.
 std::string instances() {
   const CubeFaces cube;
   GltfBuilder b;
@@ -80,7 +80,7 @@ std::string instances() {
   return packed.glb();
 }
 
-/// A dish of smooth normals without lightmap UVs, compressed by Draco.
+/// Builds a dish with smooth normals and without lightmap UVs. The file is compressed by Draco.
 std::string dish() {
   constexpr std::uint32_t kCells = 12;
   std::vector<float> positions, normals;

@@ -8,7 +8,7 @@
 
 namespace kiln::test {
 
-/// A scene whose light is held bit by bit: together they reach most of the baker.
+/// A scene whose light must not change by a bit. Together the scenes reach most of the baker.
 struct GuardedScene {
   std::string name;
   std::function<std::string()> glb;
@@ -19,6 +19,7 @@ struct GuardedScene {
   friend void PrintTo(const GuardedScene& scene, std::ostream* out) { *out << scene.name; }
 };
 
+/// Returns the scenes, always in the same order.
 std::vector<GuardedScene> guarded_scenes();
 
 }  // namespace kiln::test

@@ -1,6 +1,6 @@
-// The light of a version is held bit by bit: a digest of the decoded values of every layer of every
-// page, for twelve scenes and three settings, as same_bits.txt lists them.
-// LIGHTKILN_UPDATE_DIGESTS=1 test_bake --gtest_filter='*SameBits*' writes that list anew.
+// The light stays the same bit by bit. same_bits.txt lists a digest of the decoded values of every
+// layer of every page for twelve scenes and three settings, per instruction set.
+// LIGHTKILN_UPDATE_DIGESTS=1 test_bake --gtest_filter='*SameBits*' writes the list anew.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -25,7 +25,7 @@ constexpr const char* kFile = LIGHTKILN_SOURCE_DIR "/tests/bake/same_bits.txt";
 constexpr const char* kOutput = R"({"output": {"formats": ["exr"], "precision": "float",
   "layers": ["irradiance", "direct", "indirect", "raw", "standard_error", "samples"]}})";
 
-/// How each scene is baked. Any number of threads gives the same light.
+/// One way in which each scene is baked. Any number of threads gives the same light.
 struct Variant {
   const char* name;
   unsigned threads;
@@ -43,7 +43,7 @@ bool updating() {
   return std::getenv("LIGHTKILN_UPDATE_DIGESTS") != nullptr;
 }
 
-/// The list in the source tree: "instruction set, scene, variant" to the digest of the pages.
+/// The list in the source tree. It maps instruction set, scene and variant to a digest.
 class Digests {
  public:
   Digests() {
@@ -76,7 +76,7 @@ proto::BakeSettings settings_of(const GuardedScene& scene, const Variant& varian
   return *settings;
 }
 
-/// SHA-256 over the pages in order: size, then every channel by name.
+/// Computes the SHA-256 of the pages in order: the size, then every channel in the order of names.
 std::string digest_of(const fs::path& folder, std::size_t pages) {
   proto::Sha256 hash;
   for (std::size_t p = 0; p < pages; ++p) {
@@ -124,7 +124,7 @@ class SameBits : public ::testing::TestWithParam<GuardedScene> {
     return digests;
   }
 
-  /// What the list holds for a bake of the scene.
+  /// Returns the listed digest of a bake of the scene.
   static std::string& listed(const Variant& variant) {
     return digests()[std::string(instruction_set()) + " " + GetParam().name + " " + variant.name];
   }

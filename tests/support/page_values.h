@@ -15,7 +15,7 @@ struct PageValues {
   std::map<std::string, std::vector<float>> channels;
 };
 
-/// Reads a page that the product wrote. Throws where it can't: a test has no excuse for that.
+/// Reads a page that the product wrote. Throws when it can't be read.
 PageValues read_page(const std::filesystem::path&);
 
 }  // namespace kiln::test
