@@ -21,7 +21,7 @@ constexpr std::array<CubeFace, 6> kCube{{{kFloor, {0, -1, 0}, {1, 0, 0}, {0, 0, 
                                          {kFront, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}}};
 
 /// Unit normal of the surface |x| = radius * relief(x / |x|): the gradient of |x| - r(x/|x|).
-Vec3 relief_normal(math::Vec3 direction, float r, const Relief& relief) {
+math::Vec3 relief_normal(math::Vec3 direction, float r, const Relief& relief) {
   constexpr float kStep = 1.f / 1024;
   const auto along = [&](math::Vec3 axis) {
     return (relief(normalize(direction + axis * kStep)) -

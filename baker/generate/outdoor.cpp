@@ -67,7 +67,7 @@ std::string courtyard(const std::string& name, std::uint32_t) {
     scene.solid("pillar " + std::to_string(i + 1), stone,
                 {{-6 + 3 * float(i), 0, -5}, {0.5f, 3, 0.5f}}, kStanding & ~kCeiling);
   scene.solid("roof", plaster, {{0, 3, -6.5f}, {15.9f, 0.2f, 2.9f}});
-  scene.solid("well", stone, {{0, 0, 1.5f}, {1.6f, 0.9f, 1.6f}, normalize({0.8f, 0, 0.6f})},
+  scene.solid("well", stone, {{0, 0, 1.5f}, {1.6f, 0.9f, 1.6f}, math::normalize({0.8f, 0, 0.6f})},
               kStanding);
   add_lights(scene);
   return scene.finish();

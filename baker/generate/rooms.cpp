@@ -80,10 +80,10 @@ std::string cornell(const std::string& name, std::uint32_t) {
   constexpr unsigned kUpright =
       kAllFaces & ~kFloor;  // what stands on the floor has no lit underside
   scene.solid("short block", c.white,
-              {{0.914f, 0, 1.106f}, {1.65f, 1.65f, 1.65f}, normalize({0.956f, 0, 0.293f})},
+              {{0.914f, 0, 1.106f}, {1.65f, 1.65f, 1.65f}, math::normalize({0.956f, 0, 0.293f})},
               kUpright);
   scene.solid("tall block", c.white,
-              {{-0.921f, 0, -0.718f}, {1.65f, 3.3f, 1.65f}, normalize({0.955f, 0, -0.296f})},
+              {{-0.921f, 0, -0.718f}, {1.65f, 3.3f, 1.65f}, math::normalize({0.955f, 0, -0.296f})},
               kUpright);
   return scene.finish();
 }
@@ -126,7 +126,8 @@ std::string room_textured(const std::string& name, std::uint32_t) {
   // One square metre, so that the picture's texture fills it once.
   scene.quad("picture", picture, {-0.5f, 1, -1.98f}, {1, 0, 0}, {0, 1, 0});
   scene.solid("table", plaster, {{1.2f, 0.7f, 0.3f}, {1.4f, 0.05f, 0.8f}});
-  scene.solid("chest", plaster, {{-1.9f, 0, 0.9f}, {0.9f, 0.6f, 0.6f}, normalize({0.9f, 0, 0.4f})},
+  scene.solid("chest", plaster,
+              {{-1.9f, 0, 0.9f}, {0.9f, 0.6f, 0.6f}, math::normalize({0.9f, 0, 0.4f})},
               kAllFaces & ~kFloor);
   return scene.finish();
 }

@@ -4,19 +4,19 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "baker/scene/generate.h"
+#include "baker/generate/generate.h"
 #include "tests/support/packed_gltf.h"
 #include "tests/support/sky_files.h"
 
 namespace kiln::test {
 namespace {
 
-using baker::Rgb;
+using math::Rgb;
 
 /// Draws a sky with a gradient and a small sun, pixel by pixel and without libm.
-SkyPicture sky(std::uint32_t rows, Rgb sun) {
+SkyPicture sky(std::uint32_t rows, math::Rgb sun) {
   std::uint32_t pixel = 0;
-  return {rows, [&](baker::Vec3) -> Rgb {
+  return {rows, [&](math::Vec3) -> math::Rgb {
             const std::uint32_t x = pixel % (2 * rows), y = pixel++ / (2 * rows);
             if (x / 2 == rows / 4 && y == rows / 8) return sun;
             const float height = 1 - float(y) / float(rows), side = float(x) / float(2 * rows);
@@ -108,7 +108,7 @@ constexpr const char* kFourLights = R"({"lights": [
 
 std::function<std::string()> generator(const char* name, std::uint32_t detail = 0) {
   return [=] {
-    const auto glb = baker::generate_glb(name, detail);
+    const auto glb = generate::generate_glb(name, detail);
     if (!glb) throw std::runtime_error(glb.error().message);
     return *glb;
   };

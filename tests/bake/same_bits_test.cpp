@@ -66,7 +66,7 @@ class Digests {
   std::map<std::string, std::string> digests_;
 };
 
-proto::BakeSettings settings_of(const GuardedScene& scene, const Variant& variant) {
+proto::BakeSettings settings_of(const test::GuardedScene& scene, const Variant& variant) {
   json all = json::parse(kOutput);
   all.merge_patch(json::parse(variant.settings));
   all.merge_patch(json::parse(scene.settings));
@@ -92,7 +92,8 @@ std::string digest_of(const fs::path& folder, std::size_t pages) {
   return hash.hex();
 }
 
-BakeInput input_of(const TempFolder& folder, const GuardedScene& scene, const Variant& variant) {
+BakeInput input_of(const test::TempFolder& folder, const test::GuardedScene& scene,
+                   const Variant& variant) {
   BakeInput in;
   in.files.main = folder.write("scene.glb", scene.glb());
   for (const auto& [name, bytes] : scene.side) in.files.side[name] = folder.write(name, bytes);
@@ -103,14 +104,14 @@ BakeInput input_of(const TempFolder& folder, const GuardedScene& scene, const Va
 }
 
 std::string baked(const BakeInput& in, unsigned threads) {
-  ThreadPool pool(threads);
+  exec::ThreadPool pool(threads);
   BakeObserver quiet;
   const auto manifest = bake(in, pool, {}, quiet);
   if (!manifest) throw std::runtime_error(manifest.error().message);
   return digest_of(in.output_dir, manifest->pages.size());
 }
 
-class SameBits : public ::testing::TestWithParam<GuardedScene> {
+class SameBits : public ::testing::TestWithParam<test::GuardedScene> {
  protected:
   void SetUp() override {
     if (!updating() && !digests().know(instruction_set()))
@@ -132,7 +133,7 @@ class SameBits : public ::testing::TestWithParam<GuardedScene> {
 
 TEST_P(SameBits, AsBefore) {
   for (const Variant& variant : kVariants) {
-    const TempFolder folder;
+    const test::TempFolder folder;
     const std::string digest = baked(input_of(folder, GetParam(), variant), variant.threads);
     if (updating()) listed(variant) = digest;
     EXPECT_EQ(digest, listed(variant)) << variant.name;
@@ -141,13 +142,13 @@ TEST_P(SameBits, AsBefore) {
 
 TEST_P(SameBits, AfterAStop) {
   const Variant& variant = kVariants[1];
-  const TempFolder folder;
+  const test::TempFolder folder;
   BakeInput in = input_of(folder, GetParam(), variant);
   in.checkpoint_dir = folder.path() / "checkpoints";
   in.checkpoint_share = 1;
   in.part_time = std::chrono::milliseconds(0);
   fs::create_directories(in.checkpoint_dir);
-  ThreadPool pool(2);
+  exec::ThreadPool pool(2);
   Recorder first, second;
   first.stop_after = 2;
   EXPECT_FALSE(bake(in, pool, first.stop.get_token(), first));

@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
+#include "baker/methods.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/ball.h"
 #include "tests/bench/kernel_input.h"

@@ -6,8 +6,8 @@
 #include <ctime>
 #include <numeric>
 
-#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
+#include "baker/methods.h"
 #include "baker/output/output.h"
 #include "baker/output/post.h"
 #include "baker/solver/solve.h"

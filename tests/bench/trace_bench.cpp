@@ -5,8 +5,8 @@
 #include <memory>
 #include <utility>
 
-#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
+#include "baker/methods.h"
 #include "baker/solver/solve.h"
 #include "tests/bench/ball.h"
 #include "tests/bench/embree_tap.h"

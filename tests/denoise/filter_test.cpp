@@ -1,6 +1,6 @@
 // The filter bank: what it must leave alone, what it must lower, and what it says of the error.
-#include "baker/methods.h"
 #include "baker/denoise/filter_bank.h"
+#include "baker/methods.h"
 
 #include <gtest/gtest.h>
 

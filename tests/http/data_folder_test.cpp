@@ -6,10 +6,10 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "program.h"
+#include "tests/http/program.h"
 #include "proto/sha256.h"
 
-namespace kiln::server {
+namespace kiln::test {
 namespace {
 
 using nlohmann::json;
@@ -111,4 +111,4 @@ INSTANTIATE_TEST_SUITE_P(Versions, DataFolder, testing::Values("0_2_0"),
                          [](const auto& version) { return "Of" + std::string(version.param); });
 
 }  // namespace
-}  // namespace kiln::server
+}  // namespace kiln::test

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "baker/methods.h"
 #include "baker/exec/thread_pool.h"
+#include "baker/methods.h"
 #include "baker/solver/solve.h"
 #include "tests/support/ready_scene.h"
 #include "tests/support/sanitizer.h"

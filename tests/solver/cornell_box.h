@@ -26,7 +26,7 @@ inline std::unique_ptr<QuadScene> cornell(std::uint32_t page_size) {
 
 /// Standard deviation of one kind of light between seeds, relative to its mean.
 inline double scatter(const QuadScene& scene, proto::SolverSettings s,
-                      lightmap::Plane<math::Rgb> Lightmap::*light, int pairs = 4) {
+                      lightmap::Plane<math::Rgb> lightmap::Lightmap::*light, int pairs = 4) {
   double square = 0, mean = 0;
   for (int pair = 0; pair < pairs; ++pair) {
     s.seed = 21 + 2 * std::uint64_t(pair);

@@ -3,6 +3,8 @@
 #include <cstring>
 #include <stdexcept>
 
+#include "baker/methods.h"
+
 namespace kiln::solver {
 
 void QuadScene::add_room(math::Vec3 low, math::Vec3 high, math::Rgb albedo, math::Rgb emission) {
@@ -92,8 +94,8 @@ Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned thread
   const auto rays = trace::RayScene::build(scene_);
   const light::LightSet lights(scene_);
   const trace::TexelLookup lookup(scene_, *atlas_, *texels_);
-  const auto solver = baker::make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup, settings,
-                                   sample_plan(settings, quality), filter});
+  const auto solver = baker::make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup,
+                                          settings, sample_plan(settings, quality), filter});
   exec::ThreadPool pool(threads);
   auto solution = solve(*solver, *texels_, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);

@@ -31,7 +31,7 @@ Spent spent(const std::vector<adaptive::SampleLot>& lots,
 TEST(SampleBudget, NothingIsSpentWhereTheErrorIsLowEnough) {
   const std::vector<adaptive::SampleLot> lots{{3, 64, 4096, 1}, {4, 64, 4096, 1}};
   EXPECT_EQ(least_doublings(lots, 7, kSlope), (std::vector<std::uint32_t>{0, 0}));
-  EXPECT_EQ(least_doublings({}, 0, kSlope), std::vector<std::uint32_t>{});
+  EXPECT_EQ(adaptive::least_doublings({}, 0, kSlope), std::vector<std::uint32_t>{});
 }
 
 TEST(SampleBudget, NoiseAndPriceDecide) {
@@ -55,7 +55,8 @@ TEST(SampleBudget, WhatCantBeReachedIsNotChased) {
 TEST(SampleBudget, TheLastStepGoesUpToTheLimit) {
   const std::vector<adaptive::SampleLot> lots{{1, 64, 100, 1}};
   EXPECT_EQ(least_doublings(lots, 0.6, kSlope), std::vector<std::uint32_t>{1});
-  EXPECT_EQ(least_doublings({{{1, 100, 100, 1}}}, 0.6, kSlope), std::vector<std::uint32_t>{0});
+  EXPECT_EQ(adaptive::least_doublings({{{1, 100, 100, 1}}}, 0.6, kSlope),
+            std::vector<std::uint32_t>{0});
 }
 
 // Against all choices of up to five doublings for each of four lots. A price takes lots whole, so

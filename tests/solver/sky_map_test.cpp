@@ -15,7 +15,7 @@ namespace {
 using Radiance = std::function<float(math::Vec3)>;
 
 /// What a pixel of a map that is not turned shows at its middle.
-Vec3 direction_of(std::uint32_t x, std::uint32_t y, std::uint32_t rows) {
+math::Vec3 direction_of(std::uint32_t x, std::uint32_t y, std::uint32_t rows) {
   const float theta = math::kPi * (float(y) + 0.5f) / float(rows);
   const float phi = 2 * math::kPi * ((float(x) + 0.5f) / float(2 * rows) - 0.5f);
   return {std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)};
