@@ -84,7 +84,7 @@ JobRun::Outcome JobRun::bake() {
     input.part_time = context_.limits.part_time;
     input.scene_sha256 = scene->main_sha256;
     input.scene_key = scene->key;
-    input.enough = job_.enough.get_token();
+    input.finish_early = job_.enough.get_token();
     input.reserve_memory = [this](std::uint64_t bytes, const std::stop_token&) {
       return reserve(bytes);
     };
