@@ -237,9 +237,9 @@ class Solve {
     const auto on_done = [&](std::uint32_t batch) {
       const std::uint32_t done = batches.note(batch);
       if (hooks_.on_batch) hooks_.on_batch({pass, done, batches.count(), forecast.passes, all});
-      if (!hooks_.on_part || workers.stop.stop_requested()) return;
-      const std::unique_lock lock(one_part, std::try_to_lock);
-      if (!lock || Clock::now() < next_part) return;
+      if (!hooks_.on_part) return;
+      const std::lock_guard lock(one_part);
+      if (workers.stop.stop_requested() || Clock::now() < next_part) return;
       const auto so_far = batches.progress(seconds_since(start));
       if (so_far.texels <= offered || so_far.texels == after->size()) return;
       hooks_.on_part(pass.plan(), after, so_far);

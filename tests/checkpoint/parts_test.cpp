@@ -76,7 +76,7 @@ class Parts : public ::testing::Test {
   std::optional<trace::TexelLookup> lookup_;
   std::optional<solver::World> world_;
   test::TempFolder folder_;
-  exec::ThreadPool pool_{2};
+  exec::ThreadPool pool_{1};  ///< so that every batch makes a part
 
   Parts() {
     room_.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
