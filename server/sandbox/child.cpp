@@ -119,7 +119,8 @@ proto::Expected<void> write_lit(const ImportRequest& request, const files::Scene
   if (!scene) return Unexpected(scene.error());
   const auto lit = output::read_lit_request(input.request.bytes(), *scene);
   if (!lit) return Unexpected(lit.error());
-  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->pages);
+  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->pages,
+                                    request.limits);
 }
 
 proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
