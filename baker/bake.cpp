@@ -1,11 +1,14 @@
 #include "baker/bake.h"
 
+#include <chrono>
 #include <cstdio>
+#include <future>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <utility>
 
 #include "baker/checkpoint/checkpoints.h"
+#include "baker/image/image.h"
 #include "baker/methods.h"
 #include "baker/output/output.h"
 #include "baker/preflight.h"
@@ -143,6 +146,11 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   manifest.settings = input.settings;
   progress::ProgressReporter reporter(progress_listener(observer), manifest.statistics.stages);
 
+  // Loading takes a third of a second, which passes beside other work.
+  std::future<Expected<void>> images;
+  if (!input.settings.output.formats.empty())
+    images = std::async(std::launch::async, image::open_module);
+
   // 1. From the files to all that a method reads.
   const auto source = source_of(input);
   const PrepareHooks hooks{[&](const char* stage) { reporter.enter(stage, fraction_at(stage)); },
@@ -153,6 +161,10 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   if (!prepared) return Unexpected(prepared.error());
   const PreparedBake& bake = **prepared;
   count_texels(*bake.atlas, *bake.texels, manifest.statistics);
+
+  // Better now than after hours; a bake of less time than that learns it at its end.
+  if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
+    if (auto ok = images.get(); !ok) return Unexpected(ok.error());
 
   // 2. The passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),

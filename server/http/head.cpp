@@ -4,6 +4,8 @@
 #include <array>
 #include <charconv>
 
+#include "proto/text_codes.h"
+
 namespace kiln::http {
 namespace {
 
@@ -28,12 +30,6 @@ bool is_control(char c) {
 
 char lower(char c) {
   return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c;
-}
-
-int hex_digit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  c = lower(c);
-  return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
 proto::Unexpected bad(const char* what) {
@@ -199,21 +195,8 @@ std::string_view trim_blanks(std::string_view text) {
 }
 
 std::optional<std::string> percent_decode(std::string_view text, bool plus_is_space) {
-  std::string out;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    char c = text[i];
-    if (c == '%') {
-      if (i + 2 >= text.size()) return std::nullopt;
-      const int high = hex_digit(text[i + 1]), low = hex_digit(text[i + 2]);
-      if (high < 0 || low < 0) return std::nullopt;
-      c = static_cast<char>(high * 16 + low);
-      i += 2;
-    } else if (c == '+' && plus_is_space) {
-      c = ' ';
-    }
-    if (is_control(c)) return std::nullopt;
-    out += c;
-  }
+  auto out = proto::percent_decode(text, plus_is_space);
+  if (out && std::any_of(out->begin(), out->end(), is_control)) return std::nullopt;
   return out;
 }
 

@@ -6,7 +6,7 @@
 #include "baker/methods.h"
 #include "baker/solve.h"
 #include "baker/solver/gather/gather.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 #include "tests/support/temp_files.h"
 
 namespace kiln::checkpoint {

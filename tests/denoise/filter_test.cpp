@@ -9,7 +9,7 @@
 #include "baker/denoise/surface_neighbours.h"
 #include "baker/solve.h"
 #include "baker/solver/work.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 #include "tests/support/ready_scene.h"
 
 namespace kiln::denoise {
@@ -214,7 +214,7 @@ TEST(AdaptiveSampling, KnowsHowFarARoundHasCome) {
       double work[2] = {0, 0};
       for (std::uint32_t t = 0; t < light->size(); ++t)
         work[t >= half] += (light->direct_samples[t] - before->direct_samples[t]) +
-                           work::kDirection * (light->samples[t] - before->samples[t]);
+                           solver::work::kDirection * (light->samples[t] - before->samples[t]);
       done = work[0] / (work[0] + work[1]);
     }
     before = light;

@@ -5,7 +5,7 @@
 
 #include "baker/sampling/shapes.h"
 #include "tests/solver/every_method.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
 namespace {

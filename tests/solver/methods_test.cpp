@@ -5,8 +5,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "baker/solve.h"
 #include "proto/json.h"
-#include "tests/solver/cornell_box.h"
 #include "tests/support/ready_scene.h"
 
 namespace kiln::solver {

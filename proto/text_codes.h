@@ -1,0 +1,19 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+/// Codes in which text carries other bytes.
+namespace kiln::proto {
+
+/// Decodes the percent escapes of a URI; `+` means a space where `plus_is_space`, as in a form.
+/// Returns nothing when a '%' is not followed by two hexadecimal digits.
+std::optional<std::string> percent_decode(std::string_view, bool plus_is_space = false);
+
+/// Decodes base64 of the plain or the URL-safe alphabet, with or without padding: writers of glTF
+/// use all of them, and OpenSSL's decoder takes the first with padding only. Returns nothing for
+/// other letters, wrong padding or an impossible length.
+std::optional<std::string> base64_decode(std::string_view);
+
+}  // namespace kiln::proto
