@@ -90,9 +90,9 @@ struct Service::Impl {
                   config.webhook_secrets, parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
         feeds_hooked(hook_feeds()),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config, parts.memory),
-             sandbox::import_limits(config), &metrics),
-        janitor(data, store, scenes, uploads, jobs,
+        jobs({data, scenes, pool, parts.bake, sandbox::import_limits(config), &metrics}, store,
+             job_limits(config, parts.memory)),
+        janitor(data, store, scenes, uploads, jobs.control(),
                 jobs::Retention{std::chrono::seconds(config.leftover_ttl_seconds),
                                 config.max_data_bytes},
                 parts.sweep_interval),
@@ -100,7 +100,7 @@ struct Service::Impl {
              parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
         admin(api::admin_routes(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
-    jobs.on_event([this](const base::EventRing* ring) { hub.notify(ring); });
+    jobs.notifier().on_event([this](const base::EventRing* ring) { hub.notify(ring); });
   }
 
   base::ServerConfig config;
@@ -132,7 +132,7 @@ struct Service::Impl {
   }
 
   std::string metrics_text() {
-    const jobs::JobService::Counts jobs_now = jobs.counts();
+    const jobs::Admission::Counts jobs_now = jobs.admission().counts();
     return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
                          api_server->waiting(), hub.dropped(), data.bytes(), data.free_share(),
                          api_server->connections(), config.memory_budget_bytes,
@@ -225,7 +225,7 @@ void Service::begin_drain() {
 }
 
 bool Service::wait_idle(std::chrono::milliseconds time) {
-  return impl_->jobs.wait_idle(time);
+  return impl_->jobs.admission().wait_idle(time);
 }
 
 void Service::stop(std::chrono::milliseconds grace) {

@@ -145,7 +145,7 @@ http::Response Api::get_capabilities(http::Request& request) {
       {"token_requests_per_minute", parts_.config.max_requests_per_minute_per_token},
       {"upload_bytes", parts_.config.max_upload_bytes},
       {"request_json_bytes", parts_.config.max_request_json_bytes},
-      {"memory_bytes", parts_.jobs.memory_limit()},
+      {"memory_bytes", parts_.jobs.admission().memory_limit()},
       {"queued_jobs", parts_.config.max_queued_jobs},
       {"running_jobs", parts_.config.max_running_jobs},
       {"scene_json_bytes", import.json_bytes},
@@ -160,7 +160,7 @@ http::Response Api::get_capabilities(http::Request& request) {
       {"all_image_pixels", import.all_image_pixels},
       {"lights", import.lights}};
   const std::string& tenant = request.principal.tenant;
-  const jobs::JobService::Usage usage = parts_.jobs.usage(tenant);
+  const jobs::Admission::Usage usage = parts_.jobs.admission().usage(tenant);
   document["usage"] = {{"queued_jobs", usage.queued},
                        {"running_jobs", usage.running},
                        {"result_bytes", usage.result_bytes},

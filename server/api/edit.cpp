@@ -38,7 +38,7 @@ http::Response Api::patch_job(http::Request& request) {
   auto patch = proto::job_patch_from_json(body->value_or(nlohmann::json::object()));
   if (!patch) return problem(patch.error(), request);
   const std::string* condition = request.head.header("if-match");
-  auto patched = parts_.jobs.patch(job->id, *patch, [&](std::uint64_t version) {
+  auto patched = parts_.jobs.control().patch(job->id, *patch, [&](std::uint64_t version) {
     return !condition || http::matches_strongly(*condition, "\"" + std::to_string(version) + "\"");
   });
   if (!patched) return problem(patched.error(), request);
@@ -52,7 +52,7 @@ http::Response Api::cancel_job(http::Request& request) {
   if (!body) return problem(body.error(), request);
   auto mode = read_choice(*body, "mode", {"now", "drain"});
   if (!mode) return problem(mode.error(), request);
-  auto job = parts_.jobs.cancel(
+  auto job = parts_.jobs.control().cancel(
       before->id, *mode == "drain" ? jobs::CancelMode::kDrain : jobs::CancelMode::kNow);
   if (!job) return problem(job.error(), request);
   return job_response(proto::is_terminal(before->state) ? 200 : 202, *job);
@@ -65,7 +65,7 @@ http::Response Api::retry_job(http::Request& request) {
   if (!body) return problem(body.error(), request);
   auto from = read_choice(*body, "from", {"checkpoint", "start"});
   if (!from) return problem(from.error(), request);
-  auto job = parts_.jobs.retry(
+  auto job = parts_.jobs.control().retry(
       before->id, *from == "start" ? jobs::RetryFrom::kStart : jobs::RetryFrom::kCheckpoint);
   if (!job) return problem(job.error(), request);
   return job_response(202, *job);
@@ -80,7 +80,7 @@ http::Response Api::delete_job(http::Request& request) {
                     "`force` has to be true or false.",
                     {{"request", "/query/force", "not true or false"}}},
                    request);
-  auto removed = parts_.jobs.remove(job->id, force && *force == "true");
+  auto removed = parts_.jobs.control().remove(job->id, force && *force == "true");
   if (!removed) return problem(removed.error(), request);
   http::Response response;
   response.status = 204;

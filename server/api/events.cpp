@@ -43,7 +43,7 @@ http::Response Api::get_events(http::Request& request) {
   auto given = last_seen_event(request);
   if (!given) return problem(given.error(), request);
   const std::uint64_t last_seen = given->value_or(0);
-  const auto ring = parts_.jobs.events(job->id);
+  const auto ring = parts_.jobs.lookup().events(job->id);
   if (!ring) return problem({"not_found", "There is no job " + job->id + ".", {}}, request);
   const base::EventRing::Tail tail = ring->after(last_seen);
   if (tail.ended && tail.complete && tail.events.empty()) {
@@ -54,7 +54,7 @@ http::Response Api::get_events(http::Request& request) {
   http::StreamContent stream{ring, last_seen, kIntro};
   if (!tail.complete) {
     // Read after the ring: the snapshot holds at least what its id promises.
-    auto now = parts_.jobs.get(job->id);
+    auto now = parts_.jobs.lookup().get(job->id);
     if (!now) return problem(now.error(), request);
     stream.intro += http::sse_text({tail.last, "snapshot", proto::to_text(proto::to_json(*now))});
     // job.end comes in any case: where it is the last event, it follows the snapshot.
@@ -76,7 +76,7 @@ http::Response Api::get_all_events(http::Request& request) {
   http::StreamContent stream{ring, last_seen->value_or(0), kIntro};
   if (!*last_seen || !tail.complete) {
     auto jobs = nlohmann::json::array();
-    for (const auto& job : parts_.jobs.unfinished(tenant))
+    for (const auto& job : parts_.jobs.lookup().unfinished(tenant))
       jobs.push_back({{"id", job.id},
                       {"state", proto::to_string(job.state)},
                       {"attempt", job.attempt},

@@ -56,7 +56,7 @@ std::string page_link(const store::JobFilter& filter, std::int64_t cursor) {
 
 nlohmann::json Api::job_document(proto::Job job) const {
   if (job.state == proto::JobState::kQueued)
-    job.queue_position = parts_.jobs.queue_position(job.id);
+    job.queue_position = parts_.jobs.lookup().queue_position(job.id);
   return proto::to_json(job);
 }
 
@@ -69,7 +69,7 @@ proto::Expected<proto::Job> Api::find_job(const http::Request& request) const {
   const std::string& id = request.parameters.at(0);
   const auto missing = [&] { return proto::fail("not_found", "There is no job " + id + "."); };
   if (!base::is_id(id, "job_")) return missing();
-  auto job = parts_.jobs.get(id);
+  auto job = parts_.jobs.lookup().get(id);
   if (job && !request.principal.may_see(job->tenant)) return missing();
   return job;
 }
@@ -78,7 +78,7 @@ http::Response Api::list_jobs(http::Request& request) {
   auto filter = read_filter(request);
   if (!filter) return problem(filter.error(), request);
   if (!request.principal.admin) filter->tenant = request.principal.tenant;
-  const jobs::JobService::Page page = parts_.jobs.list(*filter);
+  const jobs::JobLookup::Page page = parts_.jobs.lookup().list(*filter);
   nlohmann::json items = nlohmann::json::array();
   for (const auto& job : page.jobs) items.push_back(job_document(job));
   nlohmann::json document{{"items", std::move(items)}, {"next_cursor", nullptr}};
@@ -97,10 +97,10 @@ http::Response Api::answer_when_moved(http::Request& request, const proto::Job& 
   response.later =
       http::Later{std::chrono::steady_clock::now() + time,
                   [this, id = job.id, since](std::function<void()> wake) {
-                    return parts_.jobs.watch(id, since, std::move(wake));
+                    return parts_.jobs.lookup().watch(id, since, std::move(wake));
                   },
                   [this, id = job.id, answer = std::move(answer)](http::Request& again) {
-                    const auto now = parts_.jobs.get(id);
+                    const auto now = parts_.jobs.lookup().get(id);
                     return now ? answer(again, *now) : problem(now.error(), again);
                   }};
   return response;

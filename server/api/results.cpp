@@ -81,7 +81,7 @@ proto::Expected<proto::Job> Api::find_finished(const http::Request& request) con
   auto job = find_job(request);
   if (!job || job->state == proto::JobState::kSucceeded) return job;
   // A bake that was canceled with `drain` has the light of its passes.
-  if (job->state == proto::JobState::kCancelled && !parts_.jobs.results(job->id).empty())
+  if (job->state == proto::JobState::kCanceled && !parts_.jobs.lookup().results(job->id).empty())
     return job;
   if (!proto::is_terminal(job->state))
     return proto::fail("result_not_ready", "Job " + job->id + " is not over yet.");
@@ -98,7 +98,7 @@ http::Response Api::get_results(http::Request& request) {
   if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
   auto files = nlohmann::json::array();
   std::string etag;
-  for (const auto& file : parts_.jobs.results(job->id)) {
+  for (const auto& file : parts_.jobs.lookup().results(job->id)) {
     files.push_back({{"name", file.name},
                      {"media_type", file.media_type},
                      {"bytes", file.bytes},
@@ -133,7 +133,7 @@ http::Response Api::get_result(http::Request& request) {
   if (!job) return problem(job.error(), request);
   const std::string& name = request.parameters.at(1);
   // Only names that the store lists are ever turned into a path.
-  const auto files = parts_.jobs.results(job->id);
+  const auto files = parts_.jobs.lookup().results(job->id);
   const auto found = std::find_if(files.begin(), files.end(),
                                   [&](const proto::ResultFile& f) { return f.name == name; });
   if (found == files.end())
@@ -166,7 +166,7 @@ http::Response Api::get_results_zip(http::Request& request) {
   if (!job) return problem(job.error(), request);
   std::vector<ZipEntry> entries;
   proto::Sha256 identity;
-  for (const auto& result : parts_.jobs.results(job->id)) {
+  for (const auto& result : parts_.jobs.lookup().results(job->id)) {
     auto file = open_result(job->id, result);
     if (!file) return problem(file.error(), request);
     entries.push_back({result.name, std::move(*file), result.bytes});
@@ -200,7 +200,7 @@ Expected<std::string> Api::render_preview(const http::Request& request, const pr
         [&](std::uint32_t t) { return snapshot.light->irradiance(t); }, job.settings.post.dilate);
   } else {
     const std::string name = exr_name(number);
-    const auto files = parts_.jobs.results(job.id);
+    const auto files = parts_.jobs.lookup().results(job.id);
     if (std::none_of(files.begin(), files.end(), [&](const auto& f) { return f.name == name; }))
       return no_page();
     auto read = image::read_exr(parts_.data.results(job.id) / name);
@@ -220,7 +220,7 @@ http::Response Api::get_preview(http::Request& request) {
                     "Only pass=latest can be had.",
                     {{"request", "/query/pass", "not `latest`"}}},
                    request);
-  const baker::Snapshot snapshot = parts_.jobs.snapshot(job->id);
+  const baker::Snapshot snapshot = parts_.jobs.lookup().snapshot(job->id);
   if (!snapshot.light) {
     // The job may have ended between the two looks.
     if (auto finished = find_finished(request); !finished)

@@ -156,7 +156,7 @@ http::Response Api::answer_when_checked(http::Request& request, const files::Sce
 http::Response Api::post_job(http::Request& request) {
   auto key = idempotency_key(request);
   if (!key) return problem(key.error(), request);
-  if (auto open = parts_.jobs.accepting(request.principal.tenant, *key); !open)
+  if (auto open = parts_.jobs.submitter().accepting(request.principal.tenant, *key); !open)
     return problem(open.error(), request);
   auto asked = read_job_request(request);
   if (!asked) return problem(asked.error(), request);
@@ -179,7 +179,7 @@ http::Response Api::submit(http::Request& request, JobRequest& asked) {
     if (!put) return problem(put.error(), request);
     asked.job.scene = std::move(put->scene);
   }
-  auto submitted = parts_.jobs.submit(asked.job);
+  auto submitted = parts_.jobs.submitter().submit(asked.job);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
   const auto answer = [this, patience, replayed = submitted->replayed](http::Request&,

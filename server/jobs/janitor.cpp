@@ -10,7 +10,7 @@
 namespace kiln::jobs {
 
 Janitor::Janitor(const data::DataFolder& data, store::JobStore& store,
-                 const data::SceneStore& scenes, data::UploadStore& uploads, JobService& jobs,
+                 const data::SceneStore& scenes, data::UploadStore& uploads, JobControl& jobs,
                  Retention retention, std::chrono::milliseconds interval)
     : data_(data),
       store_(store),
