@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
+#include "proto/uri_escape.h"
 #include "server/api/api.h"
 #include "server/base/ids.h"
 #include "server/http/conditional.h"
@@ -48,7 +49,7 @@ std::string page_link(const store::JobFilter& filter, std::int64_t cursor) {
       "/v1/jobs?limit=" + std::to_string(filter.limit) + "&cursor=" + std::to_string(cursor);
   if (filter.state) link += std::string("&state=") + proto::to_string(*filter.state);
   for (const auto& [name, value] : filter.labels)
-    link += "&label=" + http::percent_encode(name) + ":" + http::percent_encode(value);
+    link += "&label=" + proto::percent_encode(name) + ":" + proto::percent_encode(value);
   return link;
 }
 

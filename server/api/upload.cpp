@@ -1,13 +1,12 @@
 #include "server/api/upload.h"
 
-#include <openssl/evp.h>
-
 #include <algorithm>
 #include <array>
 #include <functional>
 #include <utility>
 #include <vector>
 
+#include "proto/base64.h"
 #include "proto/sha256.h"
 #include "server/http/multipart.h"
 
@@ -36,9 +35,7 @@ std::optional<std::string> announced_digest(const http::RequestHead& head) {
 }
 
 std::string base64(const std::array<unsigned char, 32>& digest) {
-  std::array<unsigned char, 45> text{};  // four characters for three bytes, and a zero
-  const int length = EVP_EncodeBlock(text.data(), digest.data(), static_cast<int>(digest.size()));
-  return {text.begin(), text.begin() + length};
+  return proto::base64_encode({reinterpret_cast<const char*>(digest.data()), digest.size()});
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 
 namespace kiln::jobs {
 
@@ -38,7 +38,7 @@ proto::Expected<void> Admission::check(const Lock& lock, const std::string& tena
 
 proto::Expected<void> Admission::check_day(const std::string& tenant) const {
   if (limits_.tenant_texels == 0 && limits_.tenant_cpu_seconds == 0) return {};
-  const auto today = store_.usage(tenant, base::now_rfc3339().substr(0, 10));
+  const auto today = store_.usage(tenant, base::today());
   const auto refuse = [](std::uint64_t limit, const char* what) {
     return proto::fail("quota_exceeded", "The tenant's jobs have taken their " +
                                              std::to_string(limit) + " " + what +
@@ -106,7 +106,7 @@ Admission::Counts Admission::counts() const {
 
 Admission::Usage Admission::usage(const std::string& tenant) const {
   Usage usage;
-  usage.day = base::now_rfc3339().substr(0, 10);
+  usage.day = base::today();
   usage.today = store_.usage(tenant, usage.day);
   usage.result_bytes = store_.result_bytes(tenant);
   const Lock lock = registry_.lock();

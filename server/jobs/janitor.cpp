@@ -4,7 +4,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 #include "server/base/log.h"
 
 namespace kiln::jobs {

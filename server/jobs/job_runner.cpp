@@ -1,6 +1,6 @@
 #include "server/jobs/job_runner.h"
 
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 #include "server/jobs/job_messages.h"
 
 namespace kiln::jobs {
@@ -57,7 +57,7 @@ bool JobRunner::run(const JobPtr& job, const std::stop_token& stop) {
   JobRun run(bakery_, limits_, admission_, transitions_, notifier_, *job);
   const JobRun::End end = run.run(stop);
   try {
-    store_.add_usage(job->tenant, base::now_rfc3339().substr(0, 10), {run.texels(), cpu.seconds()});
+    store_.add_usage(job->tenant, base::today(), {run.texels(), cpu.seconds()});
   } catch (const store::DatabaseError& e) {
     log_store_failure(job->id, e.what());
   }

@@ -5,6 +5,7 @@
 
 #include "proto/json.h"
 #include "proto/sha256.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 #include "server/jobs/job_messages.h"
 

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "proto/json.h"
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 #include "server/jobs/job_messages.h"
 
 namespace kiln::jobs {

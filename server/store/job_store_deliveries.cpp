@@ -2,6 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 #include "server/store/job_rows.h"
 #include "server/store/job_store.h"
