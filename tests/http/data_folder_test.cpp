@@ -6,8 +6,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "tests/http/program.h"
 #include "proto/sha256.h"
+#include "tests/http/program.h"
 
 namespace kiln::test {
 namespace {

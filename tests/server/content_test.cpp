@@ -69,7 +69,7 @@ TEST(Zip, KnowsFilesBeyondFourGigabytes) {
   std::filesystem::resize_file(path, kBytes);
   const auto small = folder.write("small.bin", "end");
   const Content archive =
-      zip_of({{"big.bin", open_file(path), kBytes}, {"small.bin", open_file(small), 3}}).value();
+      api::zip_of({{"big.bin", open_file(path), kBytes}, {"small.bin", open_file(small), 3}}).value();
   const Content head{archive.at(0)};
   const std::uint64_t tail = length_of(head) + kBytes;
   // Only the file's bytes are left out: a hole of the same length takes their place.
