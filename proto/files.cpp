@@ -11,6 +11,7 @@ namespace kiln::proto {
 namespace {
 
 constexpr std::size_t kBuffer = std::size_t{256} * 1024;
+constexpr std::size_t kHeld = std::size_t{16} * 1024;  // that a HashingFile keeps in memory
 
 Expected<void> sync_path(const std::filesystem::path& path, int flags) {
   const Fd fd(::open(path.c_str(), flags | O_CLOEXEC));
@@ -72,16 +73,23 @@ HashingFile::~HashingFile() {
 
 Expected<void> HashingFile::write(std::string_view bytes) {
   bytes_ += bytes.size();
-  buffer_ += bytes;
-  if (buffer_.size() < kBuffer) return {};
-  return flush();
+  if (buffer_.size() + bytes.size() < kHeld) {
+    buffer_ += bytes;
+    return {};
+  }
+  if (auto flushed = flush(); !flushed) return flushed;
+  return write_through(bytes);
 }
 
 Expected<void> HashingFile::flush() {
-  hash_.update(buffer_);
-  auto written = write_all(fd_.get(), buffer_, path_);
+  auto written = write_through(buffer_);
   buffer_.clear();
   return written;
+}
+
+Expected<void> HashingFile::write_through(std::string_view bytes) {
+  hash_.update(bytes);
+  return write_all(fd_.get(), bytes, path_);
 }
 
 Expected<std::string> HashingFile::finish() {

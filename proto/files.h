@@ -32,8 +32,8 @@ class Fd {
   int fd_ = -1;
 };
 
-/// A file that takes a stream of bytes and knows their hash. Buffered; memory does not grow with
-/// the content. Deletes the file unless finish() was called.
+/// A file that takes a stream of bytes and knows their hash. Short pieces are collected, 16 KiB at
+/// most: thousands of files may be open. Deletes the file unless finish() was called.
 class HashingFile {
  public:
   /// The file must not exist yet. Errors: `storage_full`, `io_error`.
@@ -51,6 +51,7 @@ class HashingFile {
  private:
   HashingFile(Fd fd, std::filesystem::path path) : fd_(std::move(fd)), path_(std::move(path)) {}
   Expected<void> flush();
+  Expected<void> write_through(std::string_view bytes);
 
   Fd fd_;
   std::filesystem::path path_;

@@ -54,6 +54,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"result_not_ready", 425, "The result is not there yet"},
       {"storage_full", 507, "The service's storage is full"},
       {"too_many_connections", 503, "Too many connections of one address"},
+      {"too_many_uploads", 429, "Too many uploads at a time"},
       {"unauthorized", 401, "A valid token is needed"},
       {"unknown_generator", 422, "There is no generated scene of this name"},
       {"unsupported_extension", 422, "The scene requires an extension that is not supported"},

@@ -8,11 +8,14 @@
 #include <optional>
 #include <thread>
 
+#include "server/base/idle_memory.h"
 #include "server/base/log.h"
 #include "server/base/machine.h"
 #include "server/base/metrics.h"
+#include "server/http/admin_server.h"
+#include "server/http/event_streams.h"
 #include "server/http/http_server.h"
-#include "server/http/hub.h"
+#include "server/http/loop.h"
 #include "server/jobs/janitor.h"
 #include "server/sandbox/setup.h"
 
@@ -33,6 +36,8 @@ http::EdgeLimits edge_limits(http::EdgeLimits limits, const base::ServerConfig& 
   if (limits.connections == 0) limits.connections = config.max_connections;
   if (limits.connections_per_peer == 0)
     limits.connections_per_peer = config.max_connections_per_address;
+  if (limits.uploads_per_peer == 0) limits.uploads_per_peer = config.max_uploads_per_address;
+  if (limits.uploads_per_tenant == 0) limits.uploads_per_tenant = config.max_uploads_per_tenant;
   const std::uint64_t descriptors = raise_descriptor_limit();
   if (limits.connections <= descriptors / 2) return limits;
   log_line(base::LogLevel::kWarn, "descriptors",
@@ -83,7 +88,7 @@ struct Service::Impl {
         gate(tokens),
         scenes(data),
         uploads(data, std::chrono::seconds(config.leftover_ttl_seconds)),
-        hub(std::chrono::seconds(config.heartbeat_seconds)),
+        streams(loop, std::chrono::seconds(config.heartbeat_seconds)),
         pool(bake_threads(config)),
         webhooks(store,
                  {webhooks::Networks::parse(config.webhook_networks).value(),
@@ -98,9 +103,10 @@ struct Service::Impl {
                 parts.sweep_interval),
         api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
              parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
-        admin(api::admin_routes(
+        admin(api::admin_pages(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
-    jobs.notifier().on_event([this](const base::EventRing* ring) { hub.notify(ring); });
+    idle_memory.emplace([this] { return jobs.admission().counts().running == 0; });
+    jobs.notifier().on_event([this](const base::EventRing* ring) { streams.notify(ring); });
   }
 
   base::ServerConfig config;
@@ -113,7 +119,8 @@ struct Service::Impl {
   auth::Gate gate;
   data::SceneStore scenes;
   data::UploadStore uploads;
-  http::Hub hub;
+  http::Loop loop;
+  http::EventStreams streams;
   exec::ThreadPool pool;
   // What is told of events stands before the first of them: jobs that an earlier process left run
   // as soon as there is a JobService.
@@ -122,21 +129,23 @@ struct Service::Impl {
   jobs::JobService jobs;
   jobs::Janitor janitor;
   api::Api api;
-  http::Router admin;
+  http::AdminPages admin;
   std::atomic<bool> draining{false};
-  std::unique_ptr<http::HttpServer> api_server, admin_server;
+  std::unique_ptr<http::HttpServer> api_server;
+  std::unique_ptr<http::AdminServer> admin_server;
+  std::optional<base::IdleMemory> idle_memory;  ///< asks the jobs
 
   bool hook_feeds() {
-    feeds.on_event([this](const base::EventRing* ring) { hub.notify(ring); });
+    feeds.on_event([this](const base::EventRing* ring) { streams.notify(ring); });
     return true;
   }
 
   std::string metrics_text() {
     const jobs::Admission::Counts jobs_now = jobs.admission().counts();
-    return metrics.text({jobs_now.queued, jobs_now.running, hub.streams(), store.deliveries(),
-                         api_server->waiting(), hub.dropped(), data.bytes(), data.free_share(),
-                         api_server->connections(), config.memory_budget_bytes,
-                         jobs_now.reserved_bytes});
+    return metrics.text({jobs_now.queued, jobs_now.running, streams.streams(), store.deliveries(),
+                         api_server->waiting(), api_server->uploads(), streams.dropped(),
+                         data.bytes(), data.free_share(), api_server->connections(),
+                         config.memory_budget_bytes, jobs_now.reserved_bytes});
   }
 
   proto::Expected<void> listen() {
@@ -148,15 +157,10 @@ struct Service::Impl {
     };
     auto main = http::HttpServer::start(
         {"api", config.listen, config.port, config.http_threads, limits, count, slow},
-        [this](http::Request& request) { return api.handle(request); }, hub);
+        [this](http::Request& request) { return api.handle(request); }, loop, streams);
     if (!main) return proto::Unexpected(main.error());
     api_server = std::move(*main);
-    constexpr unsigned kAdminThreads = 2;
-    http::EdgeLimits few = limits;
-    few.connections = std::min<std::size_t>(limits.connections, 256);
-    auto second = http::HttpServer::start(
-        {"admin", config.admin_listen, config.admin_port, kAdminThreads, few, {}, slow},
-        [this](http::Request& request) { return admin.route(request); }, hub);
+    auto second = http::AdminServer::start(config.admin_listen, config.admin_port, admin);
     if (!second) return proto::Unexpected(second.error());
     admin_server = std::move(*second);
     return {};
@@ -221,7 +225,7 @@ bool Service::needs_tokens() {
 void Service::begin_drain() {
   if (impl_->draining.exchange(true)) return;
   impl_->jobs.begin_drain();
-  impl_->hub.announce_draining();
+  impl_->streams.announce_draining();
 }
 
 bool Service::wait_idle(std::chrono::milliseconds time) {
@@ -233,8 +237,8 @@ void Service::stop(std::chrono::milliseconds grace) {
   impl_->jobs.stop();
   impl_->webhooks.stop();
   impl_->api_server->stop(grace);
-  impl_->hub.stop();
-  impl_->admin_server->stop(grace);
+  impl_->streams.stop();
+  impl_->admin_server->stop();
 }
 
 }  // namespace kiln::server

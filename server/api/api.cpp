@@ -186,20 +186,20 @@ proto::Expected<std::optional<std::uint64_t>> query_number(const http::Request& 
   return value;
 }
 
-http::Router admin_routes(const data::DataFolder& data, store::JobStore& store,
-                          const std::function<bool()>& draining,
-                          const std::function<std::string()>& metrics) {
-  http::Router router;
-  router.add("GET", "/healthz", [](http::Request&) {
+http::AdminPages admin_pages(const data::DataFolder& data, store::JobStore& store,
+                             const std::function<bool()>& draining,
+                             const std::function<std::string()>& metrics) {
+  http::AdminPages pages;
+  pages["/healthz"] = [] {
     return http::json_response(200, {{"status", "ok"}, {"version", LIGHTKILN_VERSION}});
-  });
-  router.add("GET", "/metrics", [metrics](http::Request&) {
+  };
+  pages["/metrics"] = [metrics] {
     http::Response response;
     response.content_type = "text/plain; version=0.0.4; charset=utf-8";
     response.body = metrics();
     return response.header("Cache-Control", "no-store");
-  });
-  router.add("GET", "/readyz", [&data, &store, draining](http::Request&) {
+  };
+  pages["/readyz"] = [&data, &store, draining] {
     constexpr double kMinFree = 0.05;
     const bool is_draining = draining();
     const bool store_ok = store.writable(), disk_ok = data.writable();
@@ -210,8 +210,8 @@ http::Router admin_routes(const data::DataFolder& data, store::JobStore& store,
                                                    {"store_writable", store_ok},
                                                    {"disk_writable", disk_ok},
                                                    {"disk_free_share", free}});
-  });
-  return router;
+  };
+  return pages;
 }
 
 }  // namespace kiln::api

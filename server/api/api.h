@@ -19,6 +19,7 @@
 #include "server/data/data_folder.h"
 #include "server/data/scene_store.h"
 #include "server/data/upload_store.h"
+#include "server/http/admin_server.h"
 #include "server/http/message.h"
 #include "server/http/router.h"
 #include "server/jobs/event_feeds.h"
@@ -78,6 +79,7 @@ class Api {
   http::Response get_results_zip(http::Request&);
   http::Response get_preview(http::Request&);
   http::Response test_webhook(http::Request&);
+  http::Response send_test_webhook(http::Request&, const nlohmann::json& body);
   http::Response get_capabilities(http::Request&);
   http::Response post_upload(http::Request&);
   http::Response get_upload(http::Request&);
@@ -92,10 +94,16 @@ class Api {
     std::optional<data::SceneUpload> upload;
     files::SceneFiles files() const { return upload ? upload->files() : job.scene.files; }
   };
-  proto::Expected<JobRequest> read_job_request(http::Request&);
-  proto::Expected<JobRequest> read_json_job(http::Request&);
+  using JobRequestAnswer =
+      std::function<http::Response(http::Request&, proto::Expected<JobRequest>)>;
+  http::Response receive_job_request(http::Request&, JobRequestAnswer);
+  proto::Expected<JobRequest> read_json_job(const http::Request&, nlohmann::json document);
+  http::Response check_and_submit(http::Request&, JobRequest, const std::string& idempotency_key);
   http::Response submit(http::Request&, JobRequest&);
-  proto::Expected<std::optional<nlohmann::json>> read_json_object(http::Request&);
+  using JsonAnswer =
+      std::function<http::Response(http::Request&, const std::optional<nlohmann::json>& document)>;
+  /// Receives the body, a JSON object or nothing, and answers with it, or with what is wrong.
+  http::Response receive_json_object(http::Request&, JsonAnswer);
   nlohmann::json job_document(proto::Job) const;  ///< with its place in the queue
   http::Response job_response(int status, const proto::Job&) const;  ///< with its ETag
   /// Errors: `not_found`, for a job of another tenant too.
@@ -103,12 +111,19 @@ class Api {
   /// Errors: `not_found`, for an upload of another tenant too.
   proto::Expected<data::PartialUpload> find_upload(const http::Request&) const;
   proto::Expected<data::PartialUpload> wanted_upload(const http::Request&) const;
-  http::Response append_to_upload(http::Request&, const data::PartialUpload& before);
+  using PieceAnswer = std::function<http::Response(http::Request&, http::Response)>;
+  http::Response append_to_upload(http::Request&, const data::PartialUpload& before, PieceAnswer);
+  http::Response answer_piece(http::Request&, data::UploadStore::Appender&,
+                              const proto::Expected<void>& taken);
   http::Response finish_upload(http::Request&, const data::PartialUpload&);
+  proto::Expected<Upload> read_upload(const data::PartialUpload&) const;
   http::Response finished_upload(http::Request&, const data::PartialUpload&);
   /// A scene that the client uploaded, or may see. Errors: `not_found`.
   proto::Expected<void> check_owner(const http::Request&, const std::string& scene) const;
-  proto::Expected<std::shared_ptr<data::SceneUpload>> receive_scene(http::Request&);
+  using SceneAnswer =
+      std::function<http::Response(http::Request&, std::shared_ptr<data::SceneUpload>)>;
+  /// Receives a scene and answers with it, or with what is wrong.
+  http::Response receive_scene(http::Request&, SceneAnswer);
   using CheckAnswer =
       std::function<http::Response(http::Request&, const proto::Expected<void>& checked)>;
   /// Checks a scene. While too many others are being read the request waits without a thread, for
@@ -162,10 +177,10 @@ std::string scene_path(const data::StoredScene&);
 /// The request's Idempotency-Key; "" when it has none. Errors: `bad_request`.
 proto::Expected<std::string> idempotency_key(const http::Request&);
 
-/// The routes of the admin port: /healthz, /readyz and /metrics.
-http::Router admin_routes(const data::DataFolder&, store::JobStore&,
-                          const std::function<bool()>& draining,
-                          const std::function<std::string()>& metrics);
+/// What the admin port answers: /healthz, /readyz and /metrics.
+http::AdminPages admin_pages(const data::DataFolder&, store::JobStore&,
+                             const std::function<bool()>& draining,
+                             const std::function<std::string()>& metrics);
 
 /// Reads a number from the query. Errors: `bad_request`, with the parameter's name.
 proto::Expected<std::optional<std::uint64_t>> query_number(const http::Request&, const char* name,

@@ -33,42 +33,43 @@ proto::Expected<std::string> read_choice(const std::optional<nlohmann::json>& bo
 http::Response Api::patch_job(http::Request& request) {
   auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  auto body = read_json_object(request);
-  if (!body) return problem(body.error(), request);
-  auto patch = proto::job_patch_from_json(body->value_or(nlohmann::json::object()));
-  if (!patch) return problem(patch.error(), request);
-  const std::string* condition = request.head.header("if-match");
-  auto patched = parts_.jobs.control().patch(job->id, *patch, [&](std::uint64_t version) {
-    return !condition || http::matches_strongly(*condition, "\"" + std::to_string(version) + "\"");
+  return receive_json_object(request, [this, id = job->id](http::Request& again, const auto& body) {
+    auto patch = proto::job_patch_from_json(body.value_or(nlohmann::json::object()));
+    if (!patch) return problem(patch.error(), again);
+    const std::string* condition = again.head.header("if-match");
+    auto patched = parts_.jobs.control().patch(id, *patch, [&](std::uint64_t version) {
+      return !condition ||
+             http::matches_strongly(*condition, "\"" + std::to_string(version) + "\"");
+    });
+    return patched ? job_response(200, *patched) : problem(patched.error(), again);
   });
-  if (!patched) return problem(patched.error(), request);
-  return job_response(200, *patched);
 }
 
 http::Response Api::cancel_job(http::Request& request) {
-  auto before = find_job(request);
-  if (!before) return problem(before.error(), request);
-  auto body = read_json_object(request);
-  if (!body) return problem(body.error(), request);
-  auto mode = read_choice(*body, "mode", {"now", "drain"});
-  if (!mode) return problem(mode.error(), request);
-  auto job = parts_.jobs.control().cancel(
-      before->id, *mode == "drain" ? jobs::CancelMode::kDrain : jobs::CancelMode::kNow);
+  auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  return job_response(proto::is_terminal(before->state) ? 200 : 202, *job);
+  return receive_json_object(request, [this](http::Request& again, const auto& body) {
+    auto mode = read_choice(body, "mode", {"now", "drain"});
+    if (!mode) return problem(mode.error(), again);
+    auto before = find_job(again);
+    if (!before) return problem(before.error(), again);
+    auto canceled = parts_.jobs.control().cancel(
+        before->id, *mode == "drain" ? jobs::CancelMode::kDrain : jobs::CancelMode::kNow);
+    if (!canceled) return problem(canceled.error(), again);
+    return job_response(proto::is_terminal(before->state) ? 200 : 202, *canceled);
+  });
 }
 
 http::Response Api::retry_job(http::Request& request) {
-  auto before = find_job(request);
-  if (!before) return problem(before.error(), request);
-  auto body = read_json_object(request);
-  if (!body) return problem(body.error(), request);
-  auto from = read_choice(*body, "from", {"checkpoint", "start"});
-  if (!from) return problem(from.error(), request);
-  auto job = parts_.jobs.control().retry(
-      before->id, *from == "start" ? jobs::RetryFrom::kStart : jobs::RetryFrom::kCheckpoint);
+  auto job = find_job(request);
   if (!job) return problem(job.error(), request);
-  return job_response(202, *job);
+  return receive_json_object(request, [this, id = job->id](http::Request& again, const auto& body) {
+    auto from = read_choice(body, "from", {"checkpoint", "start"});
+    if (!from) return problem(from.error(), again);
+    auto retried = parts_.jobs.control().retry(
+        id, *from == "start" ? jobs::RetryFrom::kStart : jobs::RetryFrom::kCheckpoint);
+    return retried ? job_response(202, *retried) : problem(retried.error(), again);
+  });
 }
 
 http::Response Api::delete_job(http::Request& request) {

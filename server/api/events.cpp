@@ -4,7 +4,7 @@
 
 #include "proto/json.h"
 #include "server/api/api.h"
-#include "server/http/hub.h"
+#include "server/http/event_streams.h"
 #include "server/http/problem.h"
 
 namespace kiln::api {
@@ -15,14 +15,14 @@ using proto::fail;
 
 // The id of the last event that the client has: `Last-Event-ID` before `?after=`.
 Expected<std::optional<std::uint64_t>> last_seen_event(const http::Request& request) {
-  if (request.head.http_1_0) return proto::fail("bad_request", "An event stream needs HTTP/1.1.");
+  if (request.head.http_1_0) return fail("bad_request", "An event stream needs HTTP/1.1.");
   const std::string* header = request.head.header("last-event-id");
   if (!header || header->empty()) return query_number(request, "after", INT64_MAX);
   std::uint64_t last_seen = 0;
   const auto parsed = std::from_chars(header->data(), header->data() + header->size(), last_seen);
   if (parsed.ec == std::errc() && parsed.ptr == header->data() + header->size()) return last_seen;
-  return proto::fail("bad_request", "The Last-Event-ID has to be a whole number.", "request",
-                     "/headers/last-event-id");
+  return fail("bad_request", "The Last-Event-ID has to be a whole number.", "request",
+              "/headers/last-event-id");
 }
 
 http::Response stream_response(http::StreamContent stream) {

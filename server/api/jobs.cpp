@@ -17,21 +17,21 @@ constexpr std::uint32_t kDefaultPage = 50, kMaxPage = 200;
 constexpr std::size_t kMaxLabelFilters = 8;
 
 // ?state=&label=name:value&limit=&cursor=
-proto::Expected<store::JobFilter> read_filter(const http::Request& request) {
+Expected<store::JobFilter> read_filter(const http::Request& request) {
   store::JobFilter filter;
   if (const std::string* state = request.head.query_value("state")) {
     auto parsed = proto::job_state_from_string(*state);
     if (!parsed)
-      return proto::fail("bad_request", "There is no job state `" + *state + "`.", "request",
-                         "/query/state");
+      return fail("bad_request", "There is no job state `" + *state + "`.", "request",
+                  "/query/state");
     filter.state = *parsed;
   }
   for (const auto& [name, value] : request.head.query) {
     if (name != "label") continue;
     const auto colon = value.find(':');
     if (colon == std::string::npos || filter.labels.size() == kMaxLabelFilters)
-      return proto::fail("bad_request", "`label` has to be name:value, and there at most 8 times.",
-                         "request", "/query/label");
+      return fail("bad_request", "`label` has to be name:value, and there at most 8 times.",
+                  "request", "/query/label");
     filter.labels.emplace_back(value.substr(0, colon), value.substr(colon + 1));
   }
   auto limit = query_number(request, "limit", kMaxPage);
@@ -66,9 +66,9 @@ http::Response Api::job_response(int status, const proto::Job& job) const {
       .header("ETag", "\"" + std::to_string(job.version) + "\"");
 }
 
-proto::Expected<proto::Job> Api::find_job(const http::Request& request) const {
+Expected<proto::Job> Api::find_job(const http::Request& request) const {
   const std::string& id = request.parameters.at(0);
-  const auto missing = [&] { return proto::fail("not_found", "There is no job " + id + "."); };
+  const auto missing = [&] { return fail("not_found", "There is no job " + id + "."); };
   if (!base::is_id(id, "job_")) return missing();
   auto job = parts_.jobs.lookup().get(id);
   if (job && !request.principal.may_see(job->tenant)) return missing();
@@ -95,15 +95,15 @@ http::Response Api::answer_when_moved(http::Request& request, const proto::Job& 
   if (time.count() == 0 || proto::is_terminal(job.state) || (since && *since != job.version))
     return answer(request, job);
   http::Response response;
-  response.later =
-      http::Later{std::chrono::steady_clock::now() + time,
-                  [this, id = job.id, since](std::function<void()> wake) {
-                    return parts_.jobs.lookup().watch(id, since, std::move(wake));
-                  },
-                  [this, id = job.id, answer = std::move(answer)](http::Request& again) {
-                    const auto now = parts_.jobs.lookup().get(id);
-                    return now ? answer(again, *now) : problem(now.error(), again);
-                  }};
+  response.deferred =
+      http::Deferred{std::chrono::steady_clock::now() + time,
+                     [this, id = job.id, since](std::function<void()> wake) {
+                       return parts_.jobs.lookup().watch(id, since, std::move(wake));
+                     },
+                     [this, id = job.id, answer = std::move(answer)](http::Request& again) {
+                       const auto now = parts_.jobs.lookup().get(id);
+                       return now ? answer(again, *now) : problem(now.error(), again);
+                     }};
   return response;
 }
 

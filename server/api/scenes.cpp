@@ -18,12 +18,14 @@ http::Response scene_response(int status, const data::StoredScene& scene) {
                                       {"links", {{"self", scene_path(scene)}}}});
 }
 
-proto::Expected<std::shared_ptr<data::SceneUpload>> Api::receive_scene(http::Request& request) {
-  auto upload = receive_upload(
+http::Response Api::receive_scene(http::Request& request, SceneAnswer answer) {
+  return receive_upload(
       request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
-      /*for_job=*/false);
-  if (!upload) return proto::Unexpected(upload.error());
-  return std::make_shared<data::SceneUpload>(std::move(upload->scene));
+      /*for_job=*/false,
+      [answer = std::move(answer)](http::Request& again, proto::Expected<Upload> upload) {
+        if (!upload) return problem(upload.error(), again);
+        return answer(again, std::make_shared<data::SceneUpload>(std::move(upload->scene)));
+      });
 }
 
 // Container, JSON and accessors are checked here; what depends on the settings (a light, say) when
@@ -44,29 +46,31 @@ http::Response Api::store_when_checked(http::Request& request,
 }
 
 http::Response Api::post_scene(http::Request& request) {
-  auto scene = receive_scene(request);
-  if (!scene) return problem(scene.error(), request);
-  return store_when_checked(
-      request, std::move(*scene),
-      [](http::Request& again, const proto::Expected<data::SceneStore::Put>& put) {
-        if (!put) return problem(put.error(), again);
-        return scene_response(put->created ? 201 : 200, put->scene)
-            .header("Location", scene_path(put->scene));
+  return receive_scene(
+      request, [this](http::Request& again, std::shared_ptr<data::SceneUpload> scene) {
+        return store_when_checked(
+            again, std::move(scene),
+            [](http::Request& asked, const proto::Expected<data::SceneStore::Put>& put) {
+              if (!put) return problem(put.error(), asked);
+              return scene_response(put->created ? 201 : 200, put->scene)
+                  .header("Location", scene_path(put->scene));
+            });
       });
 }
 
 // The client says which scene it sends: what arrives has to be that one.
 http::Response Api::put_scene_named(http::Request& request) {
-  auto scene = receive_scene(request);
-  if (!scene) return problem(scene.error(), request);
-  const std::string key = identify_scene((*scene)->main->sha256, (*scene)->side).key;
-  if (key != request.parameters.at(0))
-    return problem({"digest_mismatch", "What arrived is sha256:" + key + ".", {}}, request);
-  return store_when_checked(
-      request, std::move(*scene),
-      [](http::Request& again, const proto::Expected<data::SceneStore::Put>& put) {
-        return put ? scene_response(put->created ? 201 : 200, put->scene)
-                   : problem(put.error(), again);
+  return receive_scene(
+      request, [this](http::Request& again, std::shared_ptr<data::SceneUpload> scene) {
+        const std::string key = identify_scene(scene->main->sha256, scene->side).key;
+        if (key != again.parameters.at(0))
+          return problem({"digest_mismatch", "What arrived is sha256:" + key + ".", {}}, again);
+        return store_when_checked(
+            again, std::move(scene),
+            [](http::Request& asked, const proto::Expected<data::SceneStore::Put>& put) {
+              return put ? scene_response(put->created ? 201 : 200, put->scene)
+                         : problem(put.error(), asked);
+            });
       });
 }
 

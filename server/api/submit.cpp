@@ -62,22 +62,26 @@ std::string scene_key(const nlohmann::json& document) {
 
 }  // namespace
 
-// The body as a JSON object; nothing when there is no body.
-proto::Expected<std::optional<nlohmann::json>> Api::read_json_object(http::Request& request) {
-  auto text = receive_text(request, parts_.config.max_request_json_bytes);
-  if (!text) return proto::Unexpected(text.error());
-  if (text->empty()) return std::nullopt;
-  auto document = proto::parse_json(*text, "request");
-  if (!document) return proto::Unexpected(document.error());
-  if (!document->is_object()) return refuse("", "The body has to be a JSON object.");
-  return std::move(*document);
+http::Response Api::receive_json_object(http::Request& request, JsonAnswer answer) {
+  const auto parse = [](const std::string& text) -> proto::Expected<std::optional<nlohmann::json>> {
+    if (text.empty()) return std::nullopt;
+    auto document = proto::parse_json(text, "request");
+    if (!document) return proto::Unexpected(document.error());
+    if (!document->is_object()) return refuse("", "The body has to be a JSON object.");
+    return std::move(*document);
+  };
+  return receive_text(
+      request, parts_.data, parts_.config.max_request_json_bytes,
+      [parse, answer = std::move(answer)](http::Request& again, proto::Expected<std::string> text) {
+        if (!text) return problem(text.error(), again);
+        const auto document = parse(*text);
+        return document ? answer(again, *document) : problem(document.error(), again);
+      });
 }
 
 // {"scene": "sha256:...", "settings": {...}, and options}
-proto::Expected<Api::JobRequest> Api::read_json_job(http::Request& request) {
-  auto body = read_json_object(request);
-  if (!body) return proto::Unexpected(body.error());
-  nlohmann::json document = body->value_or(nlohmann::json::object());
+proto::Expected<Api::JobRequest> Api::read_json_job(const http::Request& request,
+                                                    nlohmann::json document) {
   JobRequest asked;
   jobs::Submission& job = asked.job;
   nlohmann::json options = document;
@@ -103,26 +107,40 @@ proto::Expected<Api::JobRequest> Api::read_json_job(http::Request& request) {
   return asked;
 }
 
-proto::Expected<Api::JobRequest> Api::read_job_request(http::Request& request) {
-  if (media_type(request.head) == "application/json") return read_json_job(request);
-  auto upload = receive_upload(
-      request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
-      /*for_job=*/true);
-  if (!upload) return proto::Unexpected(upload.error());
-  JobRequest asked;
-  jobs::Submission& job = asked.job;
-  auto settings = proto::parse_settings(upload->settings.value_or(""));
+namespace {
+
+proto::Expected<void> read_parts(const Upload& upload, jobs::Submission& job) {
+  auto settings = proto::parse_settings(upload.settings.value_or(""));
   if (!settings) return proto::Unexpected(settings.error());
   job.settings = std::move(*settings);
-  if (upload->options) {
-    auto document = proto::parse_json(*upload->options, "request");
-    if (!document) return proto::Unexpected(document.error());
-    auto options = proto::job_options_from_json(*document);
-    if (!options) return proto::Unexpected(options.error());
-    job.options = std::move(*options);
-  }
-  asked.upload.emplace(std::move(upload->scene));
-  return asked;
+  if (!upload.options) return {};
+  auto document = proto::parse_json(*upload.options, "request");
+  if (!document) return proto::Unexpected(document.error());
+  auto options = proto::job_options_from_json(*document);
+  if (!options) return proto::Unexpected(options.error());
+  job.options = std::move(*options);
+  return {};
+}
+
+}  // namespace
+
+http::Response Api::receive_job_request(http::Request& request, JobRequestAnswer answer) {
+  if (media_type(request.head) == "application/json")
+    return receive_json_object(
+        request, [this, answer = std::move(answer)](http::Request& again, const auto& document) {
+          return answer(again, read_json_job(again, document.value_or(nlohmann::json::object())));
+        });
+  return receive_upload(
+      request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
+      /*for_job=*/true,
+      [answer = std::move(answer)](http::Request& again, proto::Expected<Upload> upload) {
+        if (!upload) return answer(again, proto::Unexpected(upload.error()));
+        JobRequest asked;
+        if (auto read = read_parts(*upload, asked.job); !read)
+          return answer(again, proto::Unexpected(read.error()));
+        asked.upload.emplace(std::move(upload->scene));
+        return answer(again, std::move(asked));
+      });
 }
 
 http::Response Api::answer_when_checked(http::Request& request, const files::SceneFiles& files,
@@ -142,14 +160,14 @@ http::Response Api::answer_when_checked(http::Request& request, const files::Sce
   if (checked || checked.error().code != "overloaded" || now >= until)
     return answer(request, checked);
   http::Response response;
-  response.later =
-      http::Later{std::min(until, now + kAskAgain),
-                  [this](std::function<void()> wake) {
-                    return parts_.watch_checks ? parts_.watch_checks(std::move(wake)) : nullptr;
-                  },
-                  [this, files, settings, answer = std::move(answer), until](http::Request& again) {
-                    return answer_when_checked(again, files, settings, answer, until);
-                  }};
+  response.deferred = http::Deferred{
+      std::min(until, now + kAskAgain),
+      [this](std::function<void()> wake) {
+        return parts_.watch_checks ? parts_.watch_checks(std::move(wake)) : nullptr;
+      },
+      [this, files, settings, answer = std::move(answer), until](http::Request& again) {
+        return answer_when_checked(again, files, settings, answer, until);
+      }};
   return response;
 }
 
@@ -158,15 +176,21 @@ http::Response Api::post_job(http::Request& request) {
   if (!key) return problem(key.error(), request);
   if (auto open = parts_.jobs.submitter().accepting(request.principal.tenant, *key); !open)
     return problem(open.error(), request);
-  auto asked = read_job_request(request);
-  if (!asked) return problem(asked.error(), request);
-  jobs::Submission& job = asked->job;
+  return receive_job_request(request, [this, key = *key](http::Request& again,
+                                                         proto::Expected<JobRequest> asked) {
+    return asked ? check_and_submit(again, std::move(*asked), key) : problem(asked.error(), again);
+  });
+}
+
+http::Response Api::check_and_submit(http::Request& request, JobRequest asked,
+                                     const std::string& key) {
+  jobs::Submission& job = asked.job;
   if (const auto& hook = job.options.webhook)
     if (auto ok = parts_.webhooks.check(*hook, request.principal.tenant); !ok)
       return problem(ok.error(), request);
   job.tenant = request.principal.tenant;
-  job.idempotency_key = *key;
-  const auto kept = std::make_shared<JobRequest>(std::move(*asked));
+  job.idempotency_key = key;
+  const auto kept = std::make_shared<JobRequest>(std::move(asked));
   const auto answer = [this, kept](http::Request& again, const proto::Expected<void>& checked) {
     return checked ? submit(again, *kept) : problem(checked.error(), again);
   };

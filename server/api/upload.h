@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -10,6 +11,7 @@
 #include "server/data/data_folder.h"
 #include "server/data/scene_store.h"
 #include "server/http/message.h"
+#include "server/http/multipart.h"
 
 namespace kiln::api {
 
@@ -27,19 +29,37 @@ struct Upload {
 /// Receives a scene to disk with bounded memory: multipart/form-data (part `scene`; parts
 /// `settings` and `options` for a job; any other part with a file name is a side file of that
 /// name), or the bare file as model/gltf-binary, model/gltf+json or application/octet-stream.
-/// Errors: `payload_too_large`, `unsupported_media_type`, `bad_request`, `invalid_request`,
-/// `storage_full`, `io_error`.
-proto::Expected<Upload> receive_upload(http::Request&, const data::DataFolder&, const UploadLimits&,
-                                       bool for_job);
+class UploadReceiver {
+ public:
+  /// Judges the head. Errors: `unsupported_media_type`, `bad_request`, `storage_full`, `io_error`.
+  static proto::Expected<std::shared_ptr<UploadReceiver>> begin(const http::RequestHead&,
+                                                                const data::DataFolder&,
+                                                                const UploadLimits&, bool for_job);
+  ~UploadReceiver();
+  /// Takes the next piece of the body. Errors: `payload_too_large`, `bad_request`,
+  /// `invalid_request`, `storage_full`, `io_error`.
+  proto::Expected<void> take(std::string_view bytes);
+  /// After the last piece, once. Same errors.
+  proto::Expected<Upload> finish();
 
-/// A JSON body as text. Errors: `payload_too_large`, `bad_request`.
-proto::Expected<std::string> receive_text(http::Request&, std::uint64_t max_bytes);
+ private:
+  class Parts;
+  UploadReceiver(std::unique_ptr<Parts>, std::optional<http::MultipartReader>);
+  std::unique_ptr<Parts> parts_;
+  std::optional<http::MultipartReader> multipart_;  ///< none: the body is the scene
+};
 
-/// Hands the body on piece by piece. Errors: those of `take`, `payload_too_large`, `bad_request`
-/// when it ends early, `digest_mismatch` when it has not its Content-Digest.
-proto::Expected<void> receive_body(
-    http::Request&, std::uint64_t max_bytes,
-    const std::function<proto::Expected<void>(std::string_view)>& take);
+/// The response that receives a scene, then answers with what came of it: an UploadReceiver's
+/// errors and those of Receive.
+using UploadAnswer = std::function<http::Response(http::Request&, proto::Expected<Upload>)>;
+http::Response receive_upload(http::Request&, const data::DataFolder&, const UploadLimits&,
+                              bool for_job, UploadAnswer);
+
+/// The same with a body of text. What is long lies on the disk until it is whole. Errors:
+/// `unsupported_media_type`, `storage_full`, `io_error`, and those of Receive.
+using TextAnswer = std::function<http::Response(http::Request&, proto::Expected<std::string>)>;
+http::Response receive_text(http::Request&, const data::DataFolder&, std::uint64_t max_bytes,
+                            TextAnswer);
 
 /// Whether a scene can be sent as this media type.
 bool is_scene_type(const std::string& media_type);

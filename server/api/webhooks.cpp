@@ -7,9 +7,13 @@ namespace kiln::api {
 
 // Sends one message and tells what came of it. Holds a thread meanwhile.
 http::Response Api::test_webhook(http::Request& request) {
-  auto body = read_json_object(request);
-  if (!body) return problem(body.error(), request);
-  auto hook = proto::webhook_from_json(body->value_or(nlohmann::json::object()));
+  return receive_json_object(request, [this](http::Request& again, const auto& body) {
+    return send_test_webhook(again, body.value_or(nlohmann::json::object()));
+  });
+}
+
+http::Response Api::send_test_webhook(http::Request& request, const nlohmann::json& body) {
+  auto hook = proto::webhook_from_json(body);
   if (!hook) return problem(hook.error(), request);
   const std::string& tenant = request.principal.tenant;
   if (auto ok = parts_.webhooks.check(*hook, tenant); !ok) return problem(ok.error(), request);

@@ -21,6 +21,8 @@ struct ServerConfig {
   std::uint32_t http_threads = 16;         ///< of requests; streams and waits hold none
   std::uint32_t max_connections = 16'384;  ///< open at a time, event streams among them
   std::uint32_t max_connections_per_address = 4096;  ///< of one client or proxy
+  std::uint32_t max_uploads_per_address = 256;       ///< bodies that arrive at a time; 0: no limit
+  std::uint32_t max_uploads_per_tenant = 256;        ///< the same of one tenant; 0: no limit
   std::uint32_t slow_request_ms = 1000;  ///< of the service's own time: then it is logged; 0: never
   std::uint64_t max_upload_bytes = 1ull << 30;        ///< of one request's body
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part

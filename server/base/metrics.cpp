@@ -85,6 +85,7 @@ struct Metrics::Impl {
       gauge(registry, "http_connections", "Open connections to the API, streams too").Add({});
   Gauge& waiting =
       gauge(registry, "http_waiting", "Requests that wait for a job, or to be read").Add({});
+  Gauge& uploads = gauge(registry, "http_uploads", "Requests whose body is arriving").Add({});
   Gauge& descriptors = gauge(registry, "process_open_fds", "Open descriptors").Add({});
   Gauge& memory = gauge(registry, "process_resident_memory_bytes", "Memory in use").Add({});
 
@@ -138,6 +139,7 @@ std::string Metrics::text(const Now& now) {
   impl_->reserved.Set(double(now.memory_reserved));
   impl_->connections.Set(double(now.connections));
   impl_->waiting.Set(double(now.waiting));
+  impl_->uploads.Set(double(now.uploads));
   impl_->descriptors.Set(open_descriptors());
   impl_->memory.Set(resident_bytes());
   return prometheus::TextSerializer().Serialize(impl_->registry.Collect());

@@ -32,6 +32,7 @@ class Metrics {
     std::size_t queued = 0, running = 0, streams = 0;
     std::uint64_t webhooks = 0;  ///< messages that are not delivered
     std::size_t waiting = 0;     ///< requests that wait for a job
+    std::size_t uploads = 0;     ///< requests whose body is arriving
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
     std::size_t connections = 0;

@@ -139,6 +139,15 @@ const std::vector<ConfigRow>& config_rows() {
        "too_many_connections; 0: no limit of its own",
        parse_number<&C::max_connections_per_address, 0, 1'000'000>,
        show_number<&C::max_connections_per_address>},
+      {"max_uploads_per_address", true, "a number from 0 to 1000000",
+       "Request bodies that may be arriving at a time from one address; one more is refused with\n"
+       "too_many_uploads; 0: no limit",
+       parse_number<&C::max_uploads_per_address, 0, 1'000'000>,
+       show_number<&C::max_uploads_per_address>},
+      {"max_uploads_per_tenant", true, "a number from 0 to 1000000",
+       "The same of one tenant; without tokens all clients are one",
+       parse_number<&C::max_uploads_per_tenant, 0, 1'000'000>,
+       show_number<&C::max_uploads_per_tenant>},
       {"slow_request_ms", true, "a number from 0 to 3600000",
        "Milliseconds of work for one request, without its client's share, from which on the log\n"
        "warns of it (request.slow); 0: never",

@@ -1,40 +1,59 @@
 #pragma once
 
-#include <sys/types.h>
-
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
 
+#include "proto/expected.h"
+#include "proto/sha256.h"
 #include "server/http/head.h"
 
 namespace kiln::http {
 
-/// A request's body, its framing taken off: Content-Length or chunked. Bounded memory.
-class BodyReader {
+/// Takes the framing (Content-Length or chunked) off a request's body as its bytes arrive. Bounded
+/// memory, however they are cut.
+class BodyDecoder {
  public:
-  /// Takes up to n bytes off the connection; <= 0 when it is closed, too slow or broken.
-  using Source = std::function<ssize_t(char*, std::size_t)>;
+  /// Takes a piece of the body. An error ends the body.
+  using Take = std::function<proto::Expected<void>(std::string_view)>;
 
-  BodyReader(const RequestHead&, Source);
+  explicit BodyDecoder(const RequestHead&);
 
-  /// Bytes of the body: > 0; 0 at its end; -1 when it is malformed or does not arrive.
-  ssize_t read(char* out, std::size_t n);
-  bool done() const { return state_ == State::kDone; }  ///< read to its end
-  bool started() const { return started_; }
+  /// Hands the body's bytes among these on. Returns how many it used: fewer than all of them only
+  /// at the end of the body. Errors: `bad_request` when it is malformed; those of `take`.
+  proto::Expected<std::size_t> feed(std::string_view bytes, const Take& take);
+  bool done() const { return state_ == State::kDone; }  ///< the body is whole
+  /// Bytes that are sure to belong to the body, framing included: 1 where that is not known.
+  std::uint64_t sure() const;
 
  private:
-  enum class State { kLength, kChunkSize, kChunkData, kDone, kBroken };
-  ssize_t read_plain(char* out, std::size_t n);
-  bool read_chunk_size();
-  bool read_line(char* line, std::size_t capacity, std::size_t& length);
-  bool read_trailers();
+  enum class State { kLength, kSize, kData, kDataEnd, kTrailers, kDone };
+  proto::Expected<std::size_t> feed_data(std::string_view bytes, const Take& take);
+  proto::Expected<std::size_t> feed_line(std::string_view bytes);
+  proto::Expected<void> end_line();
+  proto::Expected<void> read_size();
 
-  Source source_;
   State state_;
   std::uint64_t left_ = 0;  ///< of the body or of the chunk
-  bool first_chunk_ = true;
-  bool started_ = false;
+  std::string line_;        ///< of the framing, as far as it has arrived
+  std::size_t trailers_ = 0;
+};
+
+/// Checks a body against the Content-Digest (RFC 9530) of its head. Algorithms other than SHA-256
+/// are ignored.
+class DigestCheck {
+ public:
+  explicit DigestCheck(const RequestHead&);
+  void update(std::string_view bytes);
+  /// After the last byte. Errors: `digest_mismatch`.
+  proto::Expected<void> finish();
+
+ private:
+  std::optional<std::string> announced_;  ///< base64
+  proto::Sha256 hash_;
 };
 
 }  // namespace kiln::http

@@ -2,48 +2,54 @@
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
-#include <poll.h>
+#include <sys/sendfile.h>
 #include <sys/socket.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cstring>
 
 #include "server/http/head.h"
 
 namespace kiln::http {
 namespace {
 
-constexpr std::size_t kRead = std::size_t{64} * 1024;
 constexpr std::string_view kHeadEnd = "\r\n\r\n";
+
+bool would_block(int error) {
+  return error == EAGAIN || error == EWOULDBLOCK;
+}
+
+/// Calls the system until no signal interrupts it.
+template <class Call>
+ssize_t uninterrupted(const Call& call) {
+  for (;;) {
+    const ssize_t result = call();
+    if (result >= 0 || errno != EINTR) return result;
+  }
+}
+
+std::string name_of_peer(int fd) {
+  sockaddr_storage address{};
+  socklen_t size = sizeof address;
+  if (::getpeername(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) return {};
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  if (address.ss_family == AF_INET)
+    ::inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in&>(address).sin_addr, text.data(),
+                text.size());
+  else if (address.ss_family == AF_INET6)
+    ::inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6&>(address).sin6_addr, text.data(),
+                text.size());
+  return text.data();
+}
 
 }  // namespace
 
-Connection::Connection(proto::Fd fd, const EdgeLimits& limits, Census::Place place)
-    : fd_(std::move(fd)), limits_(limits), place_(std::move(place)) {
-  sockaddr_storage address{};
-  socklen_t size = sizeof address;
-  if (::getpeername(fd_.get(), reinterpret_cast<sockaddr*>(&address), &size) != 0) return;
-  std::array<char, INET6_ADDRSTRLEN> text{};
-  if (address.ss_family == AF_INET) {
-    const auto* v4 = reinterpret_cast<const sockaddr_in*>(&address);
-    ::inet_ntop(AF_INET, &v4->sin_addr, text.data(), text.size());
-    peer_port_ = ntohs(v4->sin_port);
-  } else if (address.ss_family == AF_INET6) {
-    const auto* v6 = reinterpret_cast<const sockaddr_in6*>(&address);
-    ::inet_ntop(AF_INET6, &v6->sin6_addr, text.data(), text.size());
-    peer_port_ = ntohs(v6->sin6_port);
-  }
-  peer_ = text.data();
-}
-
-ssize_t Connection::receive(char* out, std::size_t n) {
-  for (;;) {
-    const ssize_t got = ::recv(fd_.get(), out, n, 0);
-    if (got >= 0 || errno != EINTR) return got;
-  }
-}
+Connection::Connection(proto::Fd fd, const EdgeLimits& limits, ConcurrencyLimiter::Permit permit)
+    : limits_(limits),
+      fd_(std::move(fd)),
+      permit_(std::move(permit)),
+      peer_(name_of_peer(fd_.get())) {}
 
 Connection::Fill Connection::fill() {
   buffer_.erase(0, at_);
@@ -53,90 +59,56 @@ Connection::Fill Connection::fill() {
     if (end != std::string::npos && end + kHeadEnd.size() <= HeadLimits::kBytes) return Fill::kHead;
     if (buffer_.size() >= HeadLimits::kBytes) return Fill::kTooLarge;
     std::array<char, 4096> piece;
-    const ssize_t got = receive(piece.data(), piece.size());
-    if (got == 0) return Fill::kClosed;
-    if (got < 0) return errno == EAGAIN || errno == EWOULDBLOCK ? Fill::kMore : Fill::kClosed;
-    buffer_.append(piece.data(), static_cast<std::size_t>(got));
+    std::size_t got = 0;
+    const Got what = receive(piece.data(), piece.size(), got);
+    if (what == Got::kClosed) return Fill::kClosed;
+    if (what == Got::kNothing) return Fill::kMore;
+    buffer_.append(piece.data(), got);
   }
 }
 
 std::string Connection::take_head() {
   const std::size_t end = buffer_.find(kHeadEnd) + kHeadEnd.size();
-  at_ = end;
-  return buffer_.substr(0, end);
+  std::string head = buffer_.substr(0, end);
+  consume(end);
+  return head;
 }
 
-void Connection::begin_exchange() {
-  began_ = Clock::now();
-  waited_ = {};
-  read_ = written_ = 0;
+// An empty buffer keeps no memory: thousands of connections have one.
+void Connection::consume(std::size_t n) {
+  at_ += n;
+  if (has_bytes()) return;
+  std::string().swap(buffer_);
+  at_ = 0;
 }
 
-bool Connection::wait(short events, std::chrono::milliseconds time) {
-  const auto start = Clock::now(), until = start + time;
-  const struct Count {
-    Clock::time_point start;
-    Clock::duration& waited;
-    ~Count() { waited += Clock::now() - start; }
-  } count{start, waited_};
-  for (;;) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
-    pollfd p{fd_.get(), events, 0};
-    const int ready = ::poll(&p, 1, static_cast<int>(std::max<std::int64_t>(left.count(), 0)));
-    if (ready > 0) return true;
-    if (ready == 0 || errno != EINTR) return false;
-  }
+void Connection::put_back(std::string_view bytes) {
+  buffer_.assign(bytes);
+  at_ = 0;
 }
 
-bool Connection::too_slow(std::uint64_t bytes) const {
-  const std::chrono::duration<double> time = Clock::now() - began_;
-  return time > limits_.rate_grace && static_cast<double>(bytes) < limits_.min_rate * time.count();
+Connection::Got Connection::receive(char* out, std::size_t n, std::size_t& got) {
+  const ssize_t size = uninterrupted([&] { return ::recv(fd_.get(), out, n, 0); });
+  if (size < 0) return would_block(errno) ? Got::kNothing : Got::kClosed;
+  got = static_cast<std::size_t>(size);
+  return got > 0 ? Got::kBytes : Got::kClosed;
 }
 
-ssize_t Connection::read(char* out, std::size_t n) {
-  if (!has_bytes()) {
-    buffer_.resize(kRead);
-    at_ = 0;
-    ssize_t got = -1;
-    if (!too_slow(read_)) {
-      got = receive(buffer_.data(), kRead);
-      if (got < 0 && (errno == EAGAIN || errno == EWOULDBLOCK) && wait(POLLIN, limits_.read_idle))
-        got = receive(buffer_.data(), kRead);
-    }
-    buffer_.resize(static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
-    if (got <= 0) return got;
-    read_ += static_cast<std::uint64_t>(got);
-  }
-  const std::size_t take = std::min(n, buffer_.size() - at_);
-  std::memcpy(out, buffer_.data() + at_, take);
-  at_ += take;
-  return static_cast<ssize_t>(take);
+ssize_t Connection::send(std::string_view bytes) {
+  const ssize_t sent = uninterrupted(
+      [&] { return ::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT); });
+  if (sent < 0) return would_block(errno) ? 0 : -1;
+  written_ += static_cast<std::uint64_t>(sent);
+  return sent;
 }
 
-bool Connection::write(std::string_view bytes) {
-  const auto start = Clock::now();
-  std::uint64_t done = 0;
-  while (!bytes.empty()) {
-    const ssize_t sent = ::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent > 0) {
-      bytes.remove_prefix(static_cast<std::size_t>(sent));
-      written_ += static_cast<std::uint64_t>(sent);
-      done += static_cast<std::uint64_t>(sent);
-      continue;
-    }
-    if (errno == EINTR) continue;
-    if (errno != EAGAIN && errno != EWOULDBLOCK) return false;
-    const std::chrono::duration<double> time = Clock::now() - start;
-    if (time > limits_.rate_grace && static_cast<double>(done) < limits_.min_rate * time.count())
-      return false;
-    if (!wait(POLLOUT, limits_.write_idle)) return false;
-  }
-  return true;
-}
-
-void Connection::write_at_once(std::string_view bytes) {
-  const ssize_t sent = ::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
-  written_ += static_cast<std::uint64_t>(std::max<ssize_t>(sent, 0));
+ssize_t Connection::send_file(int file, std::uint64_t offset, std::size_t n) {
+  auto at = static_cast<off_t>(offset);
+  const ssize_t sent = uninterrupted([&] { return ::sendfile(fd_.get(), file, &at, n); });
+  if (sent < 0) return would_block(errno) ? 0 : -1;
+  if (sent == 0) return -1;
+  written_ += static_cast<std::uint64_t>(sent);
+  return sent;
 }
 
 void Connection::shut_down_writing() {
@@ -146,11 +118,26 @@ void Connection::shut_down_writing() {
 bool Connection::discard() {
   std::array<char, std::size_t{16} * 1024> piece;
   for (int i = 0; i < 64; ++i) {
-    const ssize_t got = receive(piece.data(), piece.size());
-    if (got == 0) return false;
-    if (got < 0) return errno == EAGAIN || errno == EWOULDBLOCK;
+    std::size_t got = 0;
+    const Got what = receive(piece.data(), piece.size(), got);
+    if (what != Got::kBytes) return what == Got::kNothing;
   }
   return true;
+}
+
+bool TransferClock::too_slow(const EdgeLimits& limits) const {
+  const std::chrono::duration<double> time = Clock::now() - began_;
+  return time > limits.rate_grace && static_cast<double>(bytes_) < limits.min_rate * time.count();
+}
+
+TransferClock::Clock::time_point TransferClock::deadline(const EdgeLimits& limits,
+                                                         std::chrono::milliseconds idle) const {
+  if (!(limits.min_rate > 0)) return Clock::now() + idle;
+  const std::chrono::duration<double> enough(static_cast<double>(bytes_) / limits.min_rate);
+  const auto too_slow =
+      began_ + std::max<Clock::duration>(limits.rate_grace,
+                                         std::chrono::duration_cast<Clock::duration>(enough));
+  return std::min(Clock::now() + idle, too_slow);
 }
 
 }  // namespace kiln::http

@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "proto/files.h"
-#include "server/http/census.h"
+#include "server/http/concurrency_limiter.h"
 
 namespace kiln::http {
 
@@ -24,60 +24,79 @@ struct EdgeLimits {
   std::size_t connections = 0;                      ///< open at a time, streams too; 0: no limit
   std::size_t connections_per_peer = 0;             ///< of these, from one address
   std::size_t waiting = 1024;                       ///< requests that wait for a thread
+  std::size_t uploads_per_peer = 0;    ///< bodies that arrive, from one address; 0: no limit
+  std::size_t uploads_per_tenant = 0;  ///< the same of one tenant
 };
 
-/// A non-blocking socket with a buffer. Used by one thread at a time.
+/// A non-blocking socket with what has arrived and is not used yet. Used by one thread at a time;
+/// no function waits.
 class Connection {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// `place` is what it takes of everyone's; null: none.
-  Connection(proto::Fd, const EdgeLimits&, Census::Place place = {});
+  /// `permit` is what it takes of the open connections; null: none.
+  Connection(proto::Fd, const EdgeLimits&, ConcurrencyLimiter::Permit permit = {});
 
   int fd() const { return fd_.get(); }
   proto::Fd release() { return std::move(fd_); }
-  Census::Place release_place() { return std::move(place_); }
+  ConcurrencyLimiter::Permit release_permit() { return std::move(permit_); }
+  const EdgeLimits& limits() const { return limits_; }
   const std::string& peer_address() const { return peer_; }
-  int peer_port() const { return peer_port_; }
 
   enum class Fill { kMore, kHead, kTooLarge, kClosed };
-  /// Takes what has arrived, without waiting, and says whether a whole head is there.
+  /// Takes what has arrived and says whether a whole head is there.
   Fill fill();
-  bool has_bytes() const { return at_ < buffer_.size(); }
-  /// Cuts the head off the buffer; after Fill::kHead.
+  /// Cuts the head off what has arrived; after Fill::kHead.
   std::string take_head();
 
-  void begin_exchange();  ///< the clocks of a new request start
-  /// Waits for bytes of the body: > 0, or <= 0 when closed, idle or below the rate.
-  ssize_t read(char* out, std::size_t n);
-  /// Writes all, waiting for room; false when closed, idle or below the rate.
-  bool write(std::string_view bytes);
-  /// Writes what the socket takes at once: for last words.
-  void write_at_once(std::string_view bytes);
+  /// What has arrived and is not used yet.
+  std::string_view buffered() const { return std::string_view(buffer_).substr(at_); }
+  bool has_bytes() const { return at_ < buffer_.size(); }
+  void consume(std::size_t n);      ///< of these bytes
+  void put_back(std::string_view);  ///< bytes that were received and belong to the next request
+
+  enum class Got { kBytes, kNothing, kClosed };
+  /// Receives up to n bytes, past the buffer, which has to be empty. `got` is set with kBytes.
+  Got receive(char* out, std::size_t n, std::size_t& got);
+  /// Sends what the socket takes of the bytes; how much, or -1 when the connection is broken.
+  ssize_t send(std::string_view bytes);
+  /// The same with up to n > 0 bytes of a file; -1 also when the file ends before.
+  ssize_t send_file(int file, std::uint64_t offset, std::size_t n);
+  /// Sends what the socket takes at once: for last words.
+  void write_at_once(std::string_view bytes) { (void)send(bytes); }
   void shut_down_writing();
   /// Throws away what has arrived. False when the peer is done.
   bool discard();
 
   std::uint64_t bytes_written() const { return written_; }
-  /// Time of this exchange that was spent waiting for the peer.
-  Clock::duration waited() const { return waited_; }
   Clock::time_point deadline;  ///< of the wait that the connection is in
 
  private:
-  bool wait(short events, std::chrono::milliseconds);
-  bool too_slow(std::uint64_t bytes) const;
-  ssize_t receive(char* out, std::size_t n);
-
-  proto::Fd fd_;
   const EdgeLimits& limits_;
-  Census::Place place_;
+  proto::Fd fd_;
+  ConcurrencyLimiter::Permit permit_;
   std::string peer_;
-  int peer_port_ = 0;
   std::string buffer_;
   std::size_t at_ = 0;
-  Clock::time_point began_;
-  Clock::duration waited_{};
-  std::uint64_t read_ = 0, written_ = 0;
+  std::uint64_t written_ = 0;
+};
+
+/// How fast the bytes of one body move, in or out, against the least rate.
+class TransferClock {
+ public:
+  using Clock = Connection::Clock;
+
+  void begin() { *this = TransferClock(), began_ = Clock::now(); }
+  void moved(std::size_t bytes) { bytes_ += bytes; }
+  /// Whether so few bytes have moved that the transfer has to end.
+  bool too_slow(const EdgeLimits&) const;
+  /// When a wait for the next byte has to end: at `idle` from now, or where the transfer becomes
+  /// too slow if that is earlier.
+  Clock::time_point deadline(const EdgeLimits&, std::chrono::milliseconds idle) const;
+
+ private:
+  Clock::time_point began_{};
+  std::uint64_t bytes_ = 0;
 };
 
 }  // namespace kiln::http

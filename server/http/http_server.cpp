@@ -2,74 +2,38 @@
 
 #include <sys/socket.h>
 
-#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <condition_variable>
 #include <mutex>
-#include <new>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <thread>
 
 #include "server/base/ids.h"
 #include "server/base/log.h"
-#include "server/http/acceptor.h"
-#include "server/http/answer_writer.h"
+#include "server/http/event_streams.h"
 #include "server/http/exchange.h"
-#include "server/http/hub.h"
-#include "server/http/lobby.h"
+#include "server/http/listener.h"
 #include "server/http/problem.h"
+#include "server/http/waiting_connections.h"
 #include "server/http/worker_pool.h"
 
 namespace kiln::http {
+namespace {
 
-struct HttpServer::Impl {
-  Impl(HttpOptions o, Handler h, Hub& the_hub)
-      : options(std::move(o)),
-        handler(std::move(h)),
-        hub(the_hub),
-        census(options.limits.connections, options.limits.connections_per_peer),
-        pool(options.threads, options.limits.waiting),
-        lobby(
-            options.limits, [this](std::unique_ptr<Connection> c) { on_head(std::move(c)); },
-            [](const char* code) { return refusal(code); }) {}
+using ExchangePtr = std::shared_ptr<Exchange>;
+using ConnectionPtr = std::shared_ptr<Connection>;
+using End = WaitingConnections::End;
+using Moved = Exchange::Moved;
 
-  HttpOptions options;
-  Handler handler;
-  Hub& hub;
-  std::atomic<bool> stopping{false};
-  std::uint16_t bound_port = 0;
-  std::mutex mutex;
-  std::condition_variable changed;
-  std::set<int> active;    ///< sockets of running requests; guarded by mutex
-  std::size_t parked = 0;  ///< requests whose answer comes later; guarded by mutex
-  AnswerWriter writer;
-  Census census;
-  WorkerPool pool;
-  Lobby lobby;
-  std::unique_ptr<Acceptor> acceptor;
+// They wait for the disk at most, so these do for many slow clients and a few fast ones.
+constexpr unsigned kTransferThreads = 8;
+// Bytes that one transfer may move before it is another's turn.
+constexpr std::size_t kTransferTurn = std::size_t{4} << 20;
+// Bytes that a request thread moves by itself: a short body, a short answer.
+constexpr std::size_t kRequestTurn = std::size_t{64} << 10;
 
-  /// Counts a connection among the active ones while a thread works on it.
-  class Turn;
-  proto::Expected<void> listen();
-  void take(proto::Fd);
-  void on_head(std::unique_ptr<Connection>);
-  template <class Step>
-  void work(std::unique_ptr<Connection>, const Step&);
-  void serve(std::unique_ptr<Connection>);
-  void resume(const std::shared_ptr<Exchange>&, std::unique_ptr<Connection>);
-  bool begin(std::unique_ptr<Connection>&, Turn&);
-  bool go_on(const std::shared_ptr<Exchange>&, std::unique_ptr<Connection>&, Turn&);
-  bool answer(Exchange&, std::unique_ptr<Connection>&, Turn&);
-  void park(const std::shared_ptr<Exchange>&, std::unique_ptr<Connection>, Turn&);
-  void log_gone(Exchange&) const;
-  void count(const Exchange&) const;
-  void log_request(const Exchange&) const;
-  static std::string refusal(const char* code);
-};
-
-std::string HttpServer::Impl::refusal(const char* code) {
+std::string refusal(const char* code) {
   const std::string_view what = code;
   const std::string text = what == "request_timeout" ? "The request's head did not arrive in time."
                            : what == "overloaded"    ? "The service has too many connections."
@@ -79,118 +43,202 @@ std::string HttpServer::Impl::refusal(const char* code) {
   return raw_problem({code, text, {}}, base::new_id("req_"));
 }
 
-proto::Expected<void> HttpServer::Impl::listen() {
-  auto made = Acceptor::start(options.name, options.listen, options.port,
-                              [this](proto::Fd fd) { take(std::move(fd)); });
-  if (!made) return proto::Unexpected(made.error());
-  acceptor = std::move(*made);
-  bound_port = acceptor->port();
-  return {};
-}
+}  // namespace
 
-void HttpServer::Impl::take(proto::Fd fd) {
-  auto [place, refused] = census.enter(fd.get());
-  auto connection = std::make_unique<Connection>(std::move(fd), options.limits, std::move(place));
-  if (refused == Census::Refusal::kNone) return lobby.adopt(std::move(connection), /*fresh=*/true);
-  connection->write_at_once(
-      refusal(refused == Census::Refusal::kFull ? "overloaded" : "too_many_connections"));
-  lobby.linger(std::move(connection));
-}
+struct HttpServer::Impl {
+  Impl(HttpOptions o, Handler h, Loop& the_loop, EventStreams& the_streams)
+      : options(std::move(o)),
+        handler(std::move(h)),
+        loop(the_loop),
+        streams(the_streams),
+        connections(options.limits.connections, options.limits.connections_per_peer),
+        uploads_of_peers(0, options.limits.uploads_per_peer),
+        uploads_of_tenants(0, options.limits.uploads_per_tenant),
+        waiting(
+            loop, options.limits, [this](ConnectionPtr c) { on_head(std::move(c)); }, &refusal),
+        pool(options.threads, options.limits.waiting),
+        transfers(kTransferThreads, 0) {}
+  ~Impl() {  // their threads use what stands before them
+    transfers.stop();
+    pool.stop();
+  }
 
-void HttpServer::Impl::on_head(std::unique_ptr<Connection> connection) {
-  // std::function wants copies: the task shares the connection and moves it out.
-  auto shared = std::make_shared<std::unique_ptr<Connection>>(std::move(connection));
-  if (pool.enqueue([this, shared] { serve(std::move(*shared)); })) return;
-  (*shared)->write_at_once(refusal("overloaded"));
-  lobby.linger(std::move(*shared));
-}
+  const HttpOptions options;
+  const Handler handler;
+  Loop& loop;
+  EventStreams& streams;
+  std::atomic<bool> stopping{false};
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::set<int> active;    ///< sockets of running requests; guarded by mutex
+  std::size_t parked = 0;  ///< requests whose answer comes later; guarded by mutex
+  ConcurrencyLimiter connections, uploads_of_peers, uploads_of_tenants;
+  WaitingConnections waiting;
+  WorkerPool pool, transfers;
+  std::unique_ptr<Listener> listener;
 
-class HttpServer::Impl::Turn {
+  class ActiveScope;
+  void take(proto::Fd);
+  void on_head(ConnectionPtr);
+  void begin(const ConnectionPtr&);
+  void go_on(const ExchangePtr&);
+  bool receive(const ExchangePtr&);
+  bool admit_upload(Exchange&);
+  void await_body(const ExchangePtr&);
+  void pump_body(const ExchangePtr&);
+  void end_body(const ExchangePtr&);
+  void park(const ExchangePtr&);
+  void resume(const ExchangePtr&, End);
+  void answer(const ExchangePtr&);
+  void hand_to_streams(Exchange&);
+  void send(const ExchangePtr&, std::size_t most);
+  void pump_answer(const ExchangePtr&);
+  void await_room(const ExchangePtr&);
+  void finish(Exchange&);
+  void log_gone(Exchange&) const;
+  void count(const Exchange&) const;
+  void log_request(const Exchange&) const;
+  bool wait_for_requests(std::chrono::milliseconds);
+  void stop(std::chrono::milliseconds grace);
+};
+
+/// Counts a request among the active ones as long as a thread or a transfer is at it.
+class HttpServer::Impl::ActiveScope {
  public:
-  Turn(Impl& impl, int fd) : impl_(impl), fd_(fd) {
+  ActiveScope(Impl& impl, int fd) : impl_(impl), fd_(fd) {
     const std::lock_guard lock(impl_.mutex);
     impl_.active.insert(fd_);
   }
-  ~Turn() { end(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
-  /// Before others may close the connection, or take it up: the number is theirs then.
-  void end() {
-    if (std::exchange(ended_, true)) return;
+  ~ActiveScope() {
     {
       const std::lock_guard lock(impl_.mutex);
       impl_.active.erase(fd_);
     }
     impl_.changed.notify_all();
   }
+  ActiveScope(const ActiveScope&) = delete;
+  ActiveScope& operator=(const ActiveScope&) = delete;
 
  private:
   Impl& impl_;
   const int fd_;
-  bool ended_ = false;
 };
 
-// A step says whether the connection is kept. It moves it out where another has it from then on:
-// the hub, or the lobby until the answer can be given.
-template <class Step>
-void HttpServer::Impl::work(std::unique_ptr<Connection> connection, const Step& step) {
-  Turn turn(*this, connection->fd());
-  bool keep = false;
-  try {
-    keep = step(connection, turn);
-  } catch (const std::bad_alloc&) {  // not even an answer could be made: the connection ends
-  }
-  turn.end();
-  if (!connection) return;
-  if (keep && !stopping)
-    lobby.adopt(std::move(connection), /*fresh=*/false);
-  else
-    lobby.linger(std::move(connection));
+void HttpServer::Impl::take(proto::Fd fd) {
+  auto [permit, refused] = connections.enter(peer_network(fd.get()));
+  auto connection = std::make_shared<Connection>(std::move(fd), options.limits, std::move(permit));
+  using Refusal = ConcurrencyLimiter::Refusal;
+  if (refused == Refusal::kNone) return waiting.await_head(std::move(connection), /*fresh=*/true);
+  connection->write_at_once(
+      refusal(refused == Refusal::kFull ? "overloaded" : "too_many_connections"));
+  waiting.linger(std::move(connection));
 }
 
-void HttpServer::Impl::serve(std::unique_ptr<Connection> connection) {
-  work(std::move(connection), [&](auto& held, Turn& turn) { return begin(held, turn); });
+void HttpServer::Impl::on_head(ConnectionPtr connection) {
+  if (pool.enqueue([this, connection] { begin(connection); })) return;
+  connection->write_at_once(refusal("overloaded"));
+  waiting.linger(std::move(connection));
 }
 
-void HttpServer::Impl::resume(const std::shared_ptr<Exchange>& exchange,
-                              std::unique_ptr<Connection> connection) {
-  work(std::move(connection), [&](auto& held, Turn& turn) {
-    exchange->parked.reset();
-    const base::LogRequest context(exchange->request.id);
-    exchange->ask_again(lobby);
-    return go_on(exchange, held, turn);
-  });
-}
-
-bool HttpServer::Impl::begin(std::unique_ptr<Connection>& connection, Turn& turn) {
-  connection->begin_exchange();
+void HttpServer::Impl::begin(const ConnectionPtr& connection) {
   auto head = parse_head(connection->take_head());
   const std::string id = base::new_id("req_");
   const base::LogRequest context(id);
   if (!head) {
     log_line(base::LogLevel::kInfo, "request",
              {{"remote", connection->peer_address()}, {"code", head.error().code}});
-    connection->write(raw_problem(head.error(), id));
-    return false;
+    connection->write_at_once(raw_problem(head.error(), id));
+    return waiting.linger(connection);
   }
-  const auto exchange = std::make_shared<Exchange>(*connection, std::move(*head), id);
-  exchange->ask(handler, lobby);
-  return go_on(exchange, connection, turn);
+  const auto exchange = std::make_shared<Exchange>(connection, std::move(*head), id);
+  exchange->active = std::make_shared<ActiveScope>(*this, connection->fd());
+  exchange->ask(handler, waiting);
+  go_on(exchange);
 }
 
-bool HttpServer::Impl::go_on(const std::shared_ptr<Exchange>& exchange,
-                             std::unique_ptr<Connection>& connection, Turn& turn) {
-  // What has waited already and would wait again must not turn in a circle when all bells ring.
-  const bool again = exchange->parked_at != Connection::Clock::time_point{};
-  if (exchange->response.later && stopping && again)
-    exchange->response = problem({"draining", "The service is going.", {}}, exchange->request);
-  if (!exchange->response.later) return answer(*exchange, connection, turn);
-  park(exchange, std::move(connection), turn);
+// On a request thread: as far as the response lets it.
+void HttpServer::Impl::go_on(const ExchangePtr& exchange) {
+  while (exchange->response.receive) {
+    if (!admit_upload(*exchange)) break;
+    if (exchange->begin_body() && !receive(exchange)) return;
+    exchange->ask_with_body(waiting);
+  }
+  // What has waited already and would wait again must not turn in a circle when all are woken.
+  Response& response = exchange->response;
+  if (response.deferred && stopping && exchange->was_parked)
+    response = problem({"draining", "The service is going.", {}}, exchange->request);
+  if (response.deferred) return park(exchange);
+  answer(exchange);
+}
+
+// A body that is there already takes nothing of anybody.
+bool HttpServer::Impl::admit_upload(Exchange& exchange) {
+  if (exchange.has_whole_body()) return true;
+  const auto refuse = [&](const std::string& what) {
+    exchange.response =
+        problem({"too_many_uploads", what + " Send this one later.", {}}, exchange.request);
+    return false;
+  };
+  exchange.of_peer = uploads_of_peers.enter(peer_network(exchange.connection->fd())).permit;
+  if (!exchange.of_peer)
+    return refuse("This address is sending " + std::to_string(options.limits.uploads_per_peer) +
+                  " bodies at a time, which is the limit.");
+  exchange.of_tenant = uploads_of_tenants.enter(exchange.request.principal.tenant).permit;
+  if (exchange.of_tenant) return true;
+  exchange.of_peer.reset();
+  return refuse("This tenant is sending " + std::to_string(options.limits.uploads_per_tenant) +
+                " bodies at a time, which is the limit.");
+}
+
+// Takes what is there; false when the rest is waited for.
+bool HttpServer::Impl::receive(const ExchangePtr& exchange) {
+  switch (exchange->receive(kRequestTurn)) {
+    case Moved::kAll:
+      return true;
+    case Moved::kBlocked:
+      await_body(exchange);
+      return false;
+    case Moved::kMore:
+      transfers.enqueue_again([this, exchange] { pump_body(exchange); });
+      return false;
+  }
   return true;
 }
 
-void HttpServer::Impl::park(const std::shared_ptr<Exchange>& exchange,
-                            std::unique_ptr<Connection> connection, Turn& turn) {
+void HttpServer::Impl::await_body(const ExchangePtr& exchange) {
+  const EdgeLimits& limits = options.limits;
+  exchange->connection->deadline = exchange->clock.deadline(limits, limits.read_idle);
+  exchange->begin_wait();
+  waiting.await(exchange->connection, WaitingConnections::For::kBytes, [this, exchange](End end) {
+    exchange->end_wait();
+    if (end == End::kReady)
+      return transfers.enqueue_again([this, exchange] { pump_body(exchange); });
+    exchange->fail_slow_body();
+    end_body(exchange);
+  });
+}
+
+void HttpServer::Impl::pump_body(const ExchangePtr& exchange) {
+  const base::LogRequest context(exchange->request.id);
+  switch (exchange->receive(kTransferTurn)) {
+    case Moved::kAll:
+      return end_body(exchange);
+    case Moved::kBlocked:
+      return await_body(exchange);
+    case Moved::kMore:
+      return transfers.enqueue_again([this, exchange] { pump_body(exchange); });
+  }
+}
+
+void HttpServer::Impl::end_body(const ExchangePtr& exchange) {
+  pool.enqueue_again([this, exchange] {
+    const base::LogRequest context(exchange->request.id);
+    exchange->ask_with_body(waiting);
+    go_on(exchange);
+  });
+}
+
+void HttpServer::Impl::park(const ExchangePtr& exchange) {
   {
     const std::lock_guard lock(mutex);
     ++parked;
@@ -202,41 +250,81 @@ void HttpServer::Impl::park(const std::shared_ptr<Exchange>& exchange,
     }
     changed.notify_all();
   });
-  exchange->parked_at = Connection::Clock::now();
-  connection->deadline = exchange->response.later->until;
-  const auto go = [this, exchange](std::unique_ptr<Connection> back, Lobby::End end) {
-    exchange->wake();
-    auto shared = std::make_shared<std::unique_ptr<Connection>>(std::move(back));
-    pool.enqueue_again([this, exchange, shared, end] {
-      if (end == Lobby::End::kGone) return log_gone(*exchange);
-      resume(exchange, std::move(*shared));
-    });
-  };
-  turn.end();
-  lobby.park(std::move(connection), exchange->bell, go);
+  exchange->was_parked = true;
+  exchange->connection->deadline = exchange->response.deferred->until;
+  exchange->active.reset();
+  const auto since = Exchange::Clock::now();
+  waiting.park(exchange->connection, exchange->waker, [this, exchange, since](End end) {
+    // What passes from now on is not what the client asked to wait for.
+    exchange->request.asleep += Exchange::Clock::now() - since;
+    pool.enqueue_again([this, exchange, end] { resume(exchange, end); });
+  });
 }
 
-bool HttpServer::Impl::answer(Exchange& exchange, std::unique_ptr<Connection>& connection,
-                              Turn& turn) {
-  count(exchange);
-  // What is left of a body would be read as the next request.
-  exchange.close = exchange.head.wants_close() || !exchange.body.done() || stopping;
-  const AnswerWriter::End end = writer.write(exchange);
+void HttpServer::Impl::resume(const ExchangePtr& exchange, End end) {
+  const base::LogRequest context(exchange->request.id);
+  if (end == End::kGone) return log_gone(*exchange);
+  exchange->active = std::make_shared<ActiveScope>(*this, exchange->connection->fd());
+  exchange->parked.reset();
+  exchange->ask_again(waiting);
+  go_on(exchange);
+}
+
+void HttpServer::Impl::answer(const ExchangePtr& exchange) {
+  count(*exchange);
+  exchange->begin_answer(/*last=*/stopping);
+  if (exchange->response.stream) return hand_to_streams(*exchange);
+  send(exchange, kRequestTurn);
+}
+
+void HttpServer::Impl::hand_to_streams(Exchange& exchange) {
   log_request(exchange);
-  if (end == AnswerWriter::End::kStream) {
-    turn.end();
-    StreamContent& content = *exchange.response.stream;
-    hub.adopt({connection->release(), std::move(content.ring), content.after,
-               std::move(content.intro), connection->release_place()});
-    connection.reset();
+  exchange.active.reset();
+  StreamContent& content = *exchange.response.stream;
+  streams.adopt({exchange.connection->release(), std::move(content.ring), content.after,
+                 std::move(content.intro), exchange.connection->release_permit(),
+                 exchange.head_of_stream()});
+}
+
+void HttpServer::Impl::send(const ExchangePtr& exchange, std::size_t most) {
+  switch (exchange->send(most)) {
+    case Moved::kAll:
+      return finish(*exchange);
+    case Moved::kBlocked:
+      return await_room(exchange);
+    case Moved::kMore:
+      return transfers.enqueue_again([this, exchange] { pump_answer(exchange); });
   }
-  return end == AnswerWriter::End::kKeep;
+}
+
+void HttpServer::Impl::pump_answer(const ExchangePtr& exchange) {
+  const base::LogRequest context(exchange->request.id);
+  send(exchange, kTransferTurn);
+}
+
+void HttpServer::Impl::await_room(const ExchangePtr& exchange) {
+  const EdgeLimits& limits = options.limits;
+  exchange->connection->deadline = exchange->clock.deadline(limits, limits.write_idle);
+  exchange->begin_wait();
+  waiting.await(exchange->connection, WaitingConnections::For::kRoom, [this, exchange](End end) {
+    exchange->end_wait();
+    if (end == End::kLate) exchange->give_up_answer();
+    transfers.enqueue_again([this, exchange] { pump_answer(exchange); });
+  });
+}
+
+void HttpServer::Impl::finish(Exchange& exchange) {
+  log_request(exchange);
+  exchange.active.reset();  // the connection's number may be another's from here on
+  if (exchange.keeps_connection() && !stopping)
+    waiting.await_head(exchange.connection, /*fresh=*/false);
+  else
+    waiting.linger(exchange.connection);
 }
 
 // As others do, it has a status that no answer ever has.
 void HttpServer::Impl::log_gone(Exchange& exchange) const {
   constexpr int kClientGone = 499;
-  const base::LogRequest context(exchange.request.id);
   exchange.response.status = kClientGone;
   count(exchange);
   log_request(exchange);
@@ -249,7 +337,7 @@ void HttpServer::Impl::count(const Exchange& exchange) const {
 }
 
 void HttpServer::Impl::log_request(const Exchange& exchange) const {
-  const auto milliseconds = [](Connection::Clock::duration time) {
+  const auto milliseconds = [](Exchange::Clock::duration time) {
     return std::round(std::chrono::duration<double, std::micro>(time).count()) / 1000;
   };
   const auto own = exchange.own_time();
@@ -259,16 +347,42 @@ void HttpServer::Impl::log_request(const Exchange& exchange) const {
             {"method", exchange.head.method},
             {"path", exchange.head.path},
             {"status", exchange.response.status},
-            {"bytes", exchange.connection.bytes_written()},
+            {"bytes", exchange.bytes_written()},
             {"ms", milliseconds(exchange.time())},
             {"own_ms", milliseconds(own)},
-            {"remote", exchange.connection.peer_address()}});
+            {"remote", exchange.connection->peer_address()}});
+}
+
+bool HttpServer::Impl::wait_for_requests(std::chrono::milliseconds time) {
+  std::unique_lock lock(mutex);
+  return changed.wait_for(lock, time, [&] { return active.empty() && parked == 0; });
+}
+
+void HttpServer::Impl::stop(std::chrono::milliseconds grace) {
+  // For the transfers that are cut to end as others do: what came of an upload is flushed.
+  constexpr std::chrono::milliseconds kEnding{1'000};
+  if (stopping.exchange(true)) return;
+  listener->close();
+  waiting.wake_all();
+  if (!wait_for_requests(grace)) {
+    {
+      const std::lock_guard lock(mutex);
+      for (const int fd : active) ::shutdown(fd, SHUT_RDWR);
+    }
+    wait_for_requests(kEnding);
+  }
+  waiting.close();
+  transfers.stop();
+  pool.stop();
 }
 
 proto::Expected<std::unique_ptr<HttpServer>> HttpServer::start(HttpOptions options, Handler handler,
-                                                               Hub& hub) {
-  auto impl = std::make_unique<Impl>(std::move(options), std::move(handler), hub);
-  if (auto listening = impl->listen(); !listening) return proto::Unexpected(listening.error());
+                                                               Loop& loop, EventStreams& streams) {
+  auto impl = std::make_unique<Impl>(std::move(options), std::move(handler), loop, streams);
+  auto listener = Listener::open(loop, impl->options.name, impl->options.listen, impl->options.port,
+                                 [self = impl.get()](proto::Fd fd) { self->take(std::move(fd)); });
+  if (!listener) return proto::Unexpected(listener.error());
+  impl->listener = std::move(*listener);
   return std::unique_ptr<HttpServer>(new HttpServer(std::move(impl)));
 }
 
@@ -279,11 +393,15 @@ HttpServer::~HttpServer() {
 }
 
 std::uint16_t HttpServer::port() const {
-  return impl_->bound_port;
+  return impl_->listener->port();
 }
 
 std::size_t HttpServer::connections() const {
-  return impl_->census.open();
+  return impl_->connections.open();
+}
+
+std::size_t HttpServer::uploads() const {
+  return impl_->uploads_of_peers.open();
 }
 
 std::size_t HttpServer::waiting() const {
@@ -292,17 +410,7 @@ std::size_t HttpServer::waiting() const {
 }
 
 void HttpServer::stop(std::chrono::milliseconds grace) {
-  if (impl_->stopping.exchange(true)) return;
-  impl_->acceptor->stop();
-  impl_->lobby.ring_all();
-  {
-    std::unique_lock lock(impl_->mutex);
-    impl_->changed.wait_for(lock, grace,
-                            [&] { return impl_->active.empty() && impl_->parked == 0; });
-    for (const int fd : impl_->active) ::shutdown(fd, SHUT_RDWR);
-  }
-  impl_->lobby.stop();
-  impl_->pool.stop();
+  impl_->stop(grace);
 }
 
 }  // namespace kiln::http

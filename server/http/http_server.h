@@ -11,7 +11,8 @@
 
 namespace kiln::http {
 
-class Hub;
+class EventStreams;
+class Loop;
 
 struct HttpOptions {
   std::string name = "http";  ///< in the log
@@ -26,18 +27,20 @@ struct HttpOptions {
   std::chrono::milliseconds slow{0};  ///< 0: none is
 };
 
-/// An HTTP/1.1 server around a handler. cpp-httplib writes the answers; connections, heads, bodies,
-/// limits and waiting are ours, since the packaged version bounds none of them.
+/// An HTTP/1.1 server around a handler. Connections wait in the loop, whatever for; a request
+/// thread makes answers, and a few transfer threads move the bytes of bodies that have arrived or
+/// answers that the peer has room for. No thread waits for a client.
 class HttpServer {
  public:
-  /// Binds and starts to serve. `hub` takes the event streams over; it must live longer.
-  /// Errors: `cannot_listen`.
-  static proto::Expected<std::unique_ptr<HttpServer>> start(HttpOptions, Handler, Hub& hub);
+  /// Binds and starts to serve. Loop and streams must live longer. Errors: `cannot_listen`.
+  static proto::Expected<std::unique_ptr<HttpServer>> start(HttpOptions, Handler, Loop&,
+                                                            EventStreams&);
   ~HttpServer();  ///< stop() without a grace, unless done
 
   std::uint16_t port() const;
   std::size_t connections() const;  ///< open now, event streams among them
   std::size_t waiting() const;      ///< requests whose answer comes later
+  std::size_t uploads() const;      ///< requests whose body is arriving
   /// Refuses new connections, has requests that wait answered, lets running ones finish for up to
   /// `grace`, then cuts them.
   void stop(std::chrono::milliseconds grace);

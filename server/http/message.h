@@ -9,22 +9,21 @@
 #include <utility>
 #include <vector>
 
+#include "proto/expected.h"
 #include "server/base/event_ring.h"
 #include "server/base/principal.h"
-#include "server/http/body.h"
 #include "server/http/content.h"
 #include "server/http/head.h"
 
 namespace kiln::http {
 
-/// A request as the routes see it. No library's types: the HTTP library stays behind HttpServer.
+/// A request as the routes see it: its head. Who wants the body says so, with a Receive.
 struct Request {
   const RequestHead& head;
-  BodyReader& body;
-  std::string id;                       ///< req_..., on the answer and in the log
-  base::Principal principal;            ///< who asks
-  std::vector<std::string> parameters;  ///< of the route's pattern, in order
-  std::string route;                    ///< the pattern; "" when there is none for the path
+  std::string id;                         ///< req_..., on the answer and in the log
+  base::Principal principal{};            ///< who asks
+  std::vector<std::string> parameters{};  ///< of the route's pattern, in order
+  std::string route{};                    ///< the pattern; "" when there is none for the path
   /// Time that the request waited because its client asked for it: no work of ours.
   std::chrono::steady_clock::duration asleep{};
 };
@@ -38,9 +37,22 @@ struct StreamContent {
 
 struct Response;
 
+/// Instead of an answer: the request's body is wanted. It arrives without holding a request thread,
+/// and may take as long as its client is allowed to.
+struct Receive {
+  std::uint64_t max_bytes = 0;  ///< beyond: `payload_too_large`
+  /// Takes the next piece, from any thread, one piece at a time. It may wait for the disk. An error
+  /// ends the body.
+  std::function<proto::Expected<void>(std::string_view)> take;
+  /// The answer, from a request thread, once the body is whole or has failed. Errors: those of
+  /// `take`, `payload_too_large`, `digest_mismatch`, and `bad_request` when it ended early, is
+  /// malformed, or came too slowly.
+  std::function<Response(Request&, const proto::Expected<void>& received)> answer;
+};
+
 /// Instead of an answer: what it waits for. The connection waits without a thread meanwhile, and
 /// the request is dropped when its client goes.
-struct Later {
+struct Deferred {
   std::chrono::steady_clock::time_point until;  ///< answers then in any case
   /// Called once. Calls `wake` when the answer can be given, from any thread, perhaps at once; what
   /// it returns is kept until the request goes on.
@@ -51,12 +63,13 @@ struct Later {
 
 struct Response {
   int status = 200;
-  std::vector<std::pair<std::string, std::string>> headers;
-  std::string content_type;
-  std::string body;
-  Content content;  ///< instead of `body`, when it is not empty
-  std::optional<StreamContent> stream;
-  std::optional<Later> later;
+  std::vector<std::pair<std::string, std::string>> headers{};
+  std::string content_type{};
+  std::string body{};
+  Content content{};  ///< instead of `body`, when it is not empty
+  std::optional<StreamContent> stream{};
+  std::optional<Receive> receive{};
+  std::optional<Deferred> deferred{};
 
   Response& header(std::string name, std::string value) {
     headers.emplace_back(std::move(name), std::move(value));

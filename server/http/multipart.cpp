@@ -120,7 +120,8 @@ proto::Expected<void> MultipartReader::feed(std::string_view bytes) {
     if (!more) return proto::Unexpected(more.error());
     if (!*more) break;
   }
-  buffer_.erase(0, at_);
+  // What is kept is short, and so is its memory: thousands of bodies may be arriving.
+  std::string(buffer_, at_).swap(buffer_);
   at_ = 0;
   return {};
 }

@@ -1,5 +1,6 @@
 #include "server/http/worker_pool.h"
 
+#include <csignal>
 #include <new>
 #include <system_error>
 
@@ -56,7 +57,12 @@ void WorkerPool::enqueue_again(std::function<void()> task) {
   changed_.notify_one();
 }
 
+// A peer that has gone is an error of the call that notices it, not a signal.
 void* WorkerPool::entry(void* self) {
+  sigset_t pipe;
+  sigemptyset(&pipe);
+  sigaddset(&pipe, SIGPIPE);
+  pthread_sigmask(SIG_BLOCK, &pipe, nullptr);
   static_cast<WorkerPool*>(self)->loop();
   return nullptr;
 }

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """What the service does under load: the figures of docs/reliability.md.
 
-  load.py [streams|waiters|upload|jobs|throughput ...] [--seconds N] [--binary PROGRAM] [--json FILE]
+  load.py [streams|waiters|uploads|upload|jobs|throughput ...] [--seconds N] [--binary PROGRAM] [--json FILE]
 
   streams      short requests per second and their times beside 0, 200 and 5,000 event streams of a bake
   waiters      2,000 requests that wait for one job on 8 request threads: how soon all are answered
+  uploads      short requests beside 20 and 2,000 uploads of 8 KB/s each: none of them holds a thread
   upload       MB/s of a large upload, and the memory it takes
   jobs         1,000 jobs by 50 clients: none may be lost
   throughput   jobs of a second and more through HTTP beside the same bakes by `lightkiln bake`
@@ -83,10 +84,10 @@ def hold_streams(port, job, count, ready, stop, results):
     results.put((len(open_streams), events, opened))
 
 
-def short_requests(service, job, seconds):
-    """How soon two clients have their answers about a job."""
+def short_requests(service, path, seconds):
+    """How soon two clients have their answers."""
     results = multiprocessing.Queue()
-    clients = [multiprocessing.Process(target=request_loop, args=(service.port, f"/v1/jobs/{job}", seconds, results))
+    clients = [multiprocessing.Process(target=request_loop, args=(service.port, path, seconds, results))
                for _ in range(2)]
     for client in clients:
         client.start()
@@ -112,7 +113,7 @@ def beside(service, job, streams, seconds):
     holder.start()
     ready.wait(60)
     time.sleep(2)
-    row = short_requests(service, job, seconds)
+    row = short_requests(service, f"/v1/jobs/{job}", seconds)
     open_at_end, events, opened = (stop.set(), held.get())[1]
     holder.join()
     return {"streams": streams, "still_open": open_at_end, "opened_in_s": round(opened, 2), "events_read": events,
@@ -141,7 +142,7 @@ def measure_waiters(options, folder, count=2000):
     while service.metric("http_waiting") < count and time.monotonic() - began < 30:
         time.sleep(0.01)
     parked = time.monotonic() - began
-    beside_them = short_requests(service, job, options.seconds)
+    beside_them = short_requests(service, f"/v1/jobs/{job}", options.seconds)
     began = time.monotonic()
     service.ask("POST", f"/v1/jobs/{job}/cancel")
     answered = 0
@@ -156,6 +157,59 @@ def measure_waiters(options, folder, count=2000):
            "answered_in_s": round(time.monotonic() - began, 2), **beside_them}
     service.kill()
     return [row], answered == count
+
+
+def send_slowly(port, count, pieces, rate, ready, results):
+    """Uploads that each send a piece a second. Their form has no scene: no process has to read them."""
+    raise_open_files()
+    part = b'--B\r\nContent-Disposition: form-data; name="x"; filename="x"\r\n\r\n'
+    body = part + bytes(pieces * rate - len(part) - 9) + b"\r\n--B--\r\n"
+    head = ("POST /v1/scenes HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Type: multipart/form-data; boundary=B\r\n"
+            f"Content-Length: {len(body)}\r\n\r\n").encode()
+    sockets = []
+    for _ in range(count):
+        sockets.append(socket.create_connection(("127.0.0.1", port)))
+        sockets[-1].sendall(head)
+    ready.set()
+    began = time.monotonic()
+    for index in range(pieces * count):
+        late = time.monotonic() - began - index / count
+        if late < -0.001:
+            time.sleep(-late)
+        at = index // count * rate
+        sockets[index % count].sendall(body[at:at + rate])
+    took = time.monotonic() - began
+    answered = 0
+    for connection in sockets:
+        connection.settimeout(60)
+        text = b""
+        while part := connection.recv(1 << 16):
+            text += part
+        answered += text.startswith(b"HTTP/1.1 422") and b"`scene` is missing" in text
+    results.put((answered, took))
+
+
+def measure_uploads(options, folder):
+    raise_open_files()
+    service = lk.Service(options.binary, folder, ["--max-connections-per-address", "0", "--max-uploads-per-address", "0",
+                                                  "--max-uploads-per-tenant", "0"])
+    rows, pieces = [], int(options.seconds) + 5
+    for count in (20, 2000):
+        ready, results = multiprocessing.Event(), multiprocessing.Queue()
+        before = service.rss()
+        sender = multiprocessing.Process(target=send_slowly, args=(service.port, count, pieces, 8192, ready, results))
+        sender.start()
+        ready.wait(60)
+        time.sleep(2)
+        open_now = service.metric("http_uploads")
+        growth = (service.rss() - before) / (1 << 20)
+        row = short_requests(service, "/v1/jobs", options.seconds)
+        answered, took = results.get()
+        sender.join()
+        rows.append({"uploads": count, "open": open_now, "answered": answered, "sent_in_s": round(took, 1),
+                     "rss_growth_mib": round(growth, 1), **row})
+    service.kill()
+    return rows, all(row["answered"] == row["uploads"] == row["open"] and row["p99_ms"] < 10 for row in rows)
 
 
 def measure_upload(options, folder):
@@ -241,7 +295,7 @@ def measure_throughput(options, folder, count=8):
 
 
 def main():
-    parts = {"streams": measure_streams, "waiters": measure_waiters, "upload": measure_upload, "jobs": measure_jobs, "throughput": measure_throughput}
+    parts = {"streams": measure_streams, "waiters": measure_waiters, "uploads": measure_uploads, "upload": measure_upload, "jobs": measure_jobs, "throughput": measure_throughput}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", default=list(parts))
     parser.add_argument("--seconds", type=float, default=10)

@@ -1,8 +1,6 @@
 // A request's bytes: head, framing, multipart. However the bytes are cut on their way, the same
 // parts come out, and never more bytes than went in.
-#include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <optional>
 #include <string>
 #include <vector>
@@ -20,22 +18,22 @@ namespace {
 /// All of a body that arrives in pieces; nothing when it is malformed or cut short.
 std::optional<std::string> read_body(const kiln::http::RequestHead& head, std::string_view rest,
                                      std::size_t piece) {
-  kiln::http::BodyReader reader(head, [&](char* out, std::size_t n) -> ssize_t {
-    const std::size_t count = std::min({n, piece, rest.size()});
-    std::memcpy(out, rest.data(), count);
-    rest.remove_prefix(count);
-    return static_cast<ssize_t>(count);
-  });
+  kiln::http::BodyDecoder decoder(head);
   std::string body;
-  std::vector<char> buffer(piece);
-  for (;;) {
-    const ssize_t n = reader.read(buffer.data(), buffer.size());
-    if (n < 0) return std::nullopt;
-    if (n == 0) break;
-    FUZZ_REQUIRE(static_cast<std::size_t>(n) <= buffer.size());
-    body.append(buffer.data(), static_cast<std::size_t>(n));
+  const auto take = [&](std::string_view bytes) -> proto::Expected<void> {
+    FUZZ_REQUIRE(!bytes.empty());
+    body += bytes;
+    return {};
+  };
+  while (!decoder.done()) {
+    if (rest.empty()) return std::nullopt;
+    const std::string_view next = rest.substr(0, piece);
+    const auto used = decoder.feed(next, take);
+    if (!used) return std::nullopt;
+    FUZZ_REQUIRE(*used <= next.size());
+    FUZZ_REQUIRE(*used == next.size() || decoder.done());
+    rest.remove_prefix(*used);
   }
-  FUZZ_REQUIRE(reader.done());
   return body;
 }
 

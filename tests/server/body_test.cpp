@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-
 namespace kiln::http {
 namespace {
 
@@ -17,20 +15,24 @@ Outcome read(const std::string& wire, bool chunked, std::uint64_t length = 0) {
   RequestHead head;
   head.chunked = chunked;
   if (!chunked) head.content_length = length;
-  std::size_t at = 0;
-  BodyReader body(head, [&](char* out, std::size_t n) -> ssize_t {
-    const std::size_t take = std::min({n, wire.size() - at, std::size_t(3)});
-    std::copy_n(wire.data() + at, take, out);
-    at += take;
-    return static_cast<ssize_t>(take);
-  });
+  BodyDecoder body(head);
   Outcome outcome;
-  char piece[5];
-  ssize_t got = 0;
-  while ((got = body.read(piece, sizeof piece)) > 0)
-    outcome.data.append(piece, static_cast<std::size_t>(got));
-  outcome.ok = got == 0;
+  const auto take = [&](std::string_view bytes) -> proto::Expected<void> {
+    outcome.data += bytes;
+    return {};
+  };
+  outcome.ok = true;
+  std::size_t at = 0;
+  while (outcome.ok && !body.done() && at < wire.size()) {
+    const auto piece = std::string_view(wire).substr(at, 3);
+    const auto used = body.feed(piece, take);
+    outcome.ok = used.has_value();
+    if (!used) break;
+    EXPECT_TRUE(*used == piece.size() || body.done());
+    at += *used;
+  }
   outcome.done = body.done();
+  outcome.ok = outcome.ok && outcome.done;
   outcome.rest = wire.substr(at);
   return outcome;
 }
@@ -59,6 +61,31 @@ TEST(Body, RefusesMalformedChunks) {
         "5;" + std::string(300, 'x') + "\r\nhello\r\n0\r\n\r\n",
         "0\r\n" + std::string(1000, 'x') + "\r\n\r\n"})
     EXPECT_FALSE(read(wire, true).ok) << wire.substr(0, 40);
+}
+
+TEST(Body, HandsOnTheErrorOfWhoTakesIt) {
+  RequestHead head;
+  head.content_length = 10;
+  BodyDecoder body(head);
+  const auto full = [](std::string_view) -> proto::Expected<void> {
+    return proto::fail("storage_full", "No room.");
+  };
+  const auto used = body.feed("01234", full);
+  ASSERT_FALSE(used);
+  EXPECT_EQ(used.error().code, "storage_full");
+  EXPECT_FALSE(body.done());
+}
+
+TEST(Body, ChecksTheDigestThatWasAnnounced) {
+  RequestHead head;
+  head.headers = {{"Content-Digest", "sha-256=:LPJNul+wow4m6DsqxbninhsWHlwfp0JecwQzYpOLmCQ=:"}};
+  DigestCheck same(head), other(head);
+  same.update("hel");
+  same.update("lo");
+  EXPECT_TRUE(same.finish());
+  other.update("hallo");
+  EXPECT_EQ(other.finish().error().code, "digest_mismatch");
+  EXPECT_TRUE(DigestCheck(RequestHead()).finish()) << "none was announced";
 }
 
 }  // namespace

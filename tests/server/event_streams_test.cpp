@@ -1,4 +1,4 @@
-#include "server/http/hub.h"
+#include "server/http/event_streams.h"
 
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -12,7 +12,7 @@ namespace {
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
-/// The client's end of a stream that a hub serves.
+/// The client's end of a stream that is served.
 struct Listener {
   proto::Fd near, far;
 
@@ -51,39 +51,42 @@ proto::Event event(std::uint64_t id, std::size_t size = 10) {
   return {id, "log", std::string(size, 'x')};
 }
 
-TEST(Hub, ASilentStreamHearsTheHeartbeat) {
-  Hub hub(milliseconds(30));
+TEST(EventStreams, ASilentStreamHearsTheHeartbeat) {
+  Loop loop;
+  EventStreams streams(loop, milliseconds(30));
   const auto ring = std::make_shared<base::EventRing>();
   Listener listener;
-  hub.adopt({std::move(listener.near), ring, 0, "retry: 1\n\n"});
+  streams.adopt({std::move(listener.near), ring, 0, "retry: 1\n\n"});
   const std::string text = listener.read_until("\n:");
   EXPECT_NE(text.find("retry: 1"), std::string::npos);
   EXPECT_NE(text.find("\n:"), std::string::npos) << "a comment line: " << text;
 }
 
-TEST(Hub, AClientThatTakesNothingIsDroppedAtTheDeadline) {
-  Hub hub(milliseconds(30), milliseconds(300));
+TEST(EventStreams, AClientThatTakesNothingIsDroppedAtTheDeadline) {
+  Loop loop;
+  EventStreams streams(loop, milliseconds(30), milliseconds(300));
   const auto ring = std::make_shared<base::EventRing>();
   Listener stuck(4096), well;
   const auto began = Clock::now();
-  hub.adopt({std::move(stuck.near), ring, 0, ""});
-  hub.adopt({std::move(well.near), ring, 0, ""});
+  streams.adopt({std::move(stuck.near), ring, 0, ""});
+  streams.adopt({std::move(well.near), ring, 0, ""});
   for (std::uint64_t id = 1; id <= 8; ++id) ring->push(event(id, 50'000));
-  hub.notify(ring.get());
+  streams.notify(ring.get());
   EXPECT_NE(well.read_until("id: 8\n").find("id: 8\n"), std::string::npos);
-  EXPECT_TRUE(comes_true([&] { return hub.streams() == 1; }));
+  EXPECT_TRUE(comes_true([&] { return streams.streams() == 1; }));
   EXPECT_GE(Clock::now() - began, milliseconds(300));
   EXPECT_LT(Clock::now() - began, std::chrono::seconds(2));
-  EXPECT_EQ(hub.dropped(), 1u);
+  EXPECT_EQ(streams.dropped(), 1u);
 }
 
-TEST(Hub, AClientThatTheRingHasLeftBehindIsDropped) {
-  Hub hub;
+TEST(EventStreams, AClientThatTheRingHasLeftBehindIsDropped) {
+  Loop loop;
+  EventStreams streams(loop);
   const auto ring = std::make_shared<base::EventRing>();
   Listener slow(4096);
-  hub.adopt({std::move(slow.near), ring, 0, ""});
+  streams.adopt({std::move(slow.near), ring, 0, ""});
   for (std::uint64_t id = 1; id <= 8; ++id) ring->push(event(id, 50'000));
-  hub.notify(ring.get());
+  streams.notify(ring.get());
   EXPECT_TRUE(slow.read_until("id: 1\n").find("id: 1\n") != std::string::npos);
   for (std::uint64_t id = 9; id <= 9 + base::EventRing::kCapacity; ++id) ring->push(event(id));
   // It reads on, gets what was ready for it, and then the end: never a hole.
@@ -91,20 +94,21 @@ TEST(Hub, AClientThatTheRingHasLeftBehindIsDropped) {
   EXPECT_EQ(rest.find("id: 1000\n"), std::string::npos);
   EXPECT_EQ(rest.find("\r\n0\r\n\r\n"), std::string::npos)
       << "a proper end would mean completeness";
-  EXPECT_EQ(hub.dropped(), 1u);
-  EXPECT_TRUE(comes_true([&] { return hub.streams() == 0; }));
+  EXPECT_EQ(streams.dropped(), 1u);
+  EXPECT_TRUE(comes_true([&] { return streams.streams() == 0; }));
 }
 
-TEST(Hub, AnAnnouncementReachesStreamsBeforeAndAfter) {
-  Hub hub;
+TEST(EventStreams, AnAnnouncementReachesStreamsBeforeAndAfter) {
+  Loop loop;
+  EventStreams streams(loop);
   const auto ring = std::make_shared<base::EventRing>();
   Listener before, after;
-  hub.adopt({std::move(before.near), ring, 0, ""});
-  hub.announce_draining();
+  streams.adopt({std::move(before.near), ring, 0, ""});
+  streams.announce_draining();
   EXPECT_NE(before.read_until("draining").find("server.draining"), std::string::npos);
-  hub.adopt({std::move(after.near), ring, 0, ""});
+  streams.adopt({std::move(after.near), ring, 0, ""});
   EXPECT_NE(after.read_until("draining").find("server.draining"), std::string::npos);
-  hub.stop();
+  streams.stop();
   EXPECT_NE(before.read_until("0\r\n\r\n").find("0\r\n\r\n"), std::string::npos);
 }
 
