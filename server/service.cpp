@@ -8,6 +8,7 @@
 #include <optional>
 #include <thread>
 
+#include "server/api/admin.h"
 #include "server/base/idle_memory.h"
 #include "server/base/log.h"
 #include "server/base/machine.h"
@@ -69,7 +70,7 @@ jobs::JobLimits job_limits(const base::ServerConfig& config,
   return limits;
 }
 
-// What the configuration allows for an import, or what the machine has for it if that is less.
+// Returns what the configuration allows for an import, or what the machine has if that is less.
 std::uint64_t import_memory(const base::ServerConfig& config, const base::MemoryBudget* memory) {
   const std::uint64_t most = memory ? memory->for_import() : 0;  // 0: no limit
   return most > 0 ? std::min(most, config.import_memory_bytes) : config.import_memory_bytes;
@@ -101,8 +102,18 @@ struct Service::Impl {
                 jobs::Retention{std::chrono::seconds(config.leftover_ttl_seconds),
                                 config.max_data_bytes},
                 parts.sweep_interval),
-        api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
-             parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
+        api({config,
+             data,
+             store,
+             scenes,
+             jobs,
+             feeds,
+             webhooks,
+             uploads,
+             gate,
+             {parts.check, parts.watch_checks},
+             pool.size(),
+             import_memory(config, parts.memory.get())}),
         admin(api::admin_pages(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
     idle_memory.emplace([this] { return jobs.admission().counts().running == 0; });
@@ -122,8 +133,8 @@ struct Service::Impl {
   http::Loop loop;
   http::EventStreams streams;
   exec::ThreadPool pool;
-  // What is told of events stands before the first of them: jobs that an earlier process left run
-  // as soon as there is a JobService.
+  // Those who listen to events stand before the JobService: jobs that an earlier process left run
+  // as soon as there is one.
   webhooks::Webhooks webhooks;
   const bool feeds_hooked;
   jobs::JobService jobs;

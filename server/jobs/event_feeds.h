@@ -16,7 +16,8 @@ namespace kiln::jobs {
 /// lives as long as somebody follows it, and is filled from the store. Thread-safe.
 class EventFeeds {
  public:
-  explicit EventFeeds(store::JobStore&);  ///< becomes the store's feed hook
+  /// Becomes the store's feed hook.
+  explicit EventFeeds(store::JobStore&);
 
   std::shared_ptr<const base::EventRing> of(
       const std::optional<std::string>& tenant);  ///< nothing: all

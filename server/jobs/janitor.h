@@ -11,7 +11,7 @@
 
 namespace kiln::jobs {
 
-/// How long what nobody asked for again is kept.
+/// Bounds on what is kept though nobody asked for it again.
 struct Retention {
   /// Scenes that no job names, and checkpoints of jobs that failed or were canceled.
   std::chrono::seconds leftovers{86'400};

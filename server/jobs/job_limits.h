@@ -8,6 +8,7 @@
 
 namespace kiln::jobs {
 
+/// Limits of jobs, most of them from the configuration.
 struct JobLimits {
   std::uint32_t running = 2;    ///< jobs at once
   std::uint32_t queued = 1000;  ///< waiting jobs; beyond: `queue_full`
@@ -16,10 +17,10 @@ struct JobLimits {
   std::chrono::milliseconds progress_interval{250};  ///< between two job.progress events
   std::chrono::seconds run{0};    ///< of one attempt; beyond: `bake_timeout`; 0: no limit
   std::uint64_t ttl_seconds = 0;  ///< of jobs that don't say; 0: for ever
-  /// Of one tenant; 0: no limit. Beyond: `quota_exceeded`, or waiting for the second.
+  /// Jobs of one tenant; 0: no limit. Beyond: `quota_exceeded`, or waiting for the second.
   std::uint32_t tenant_queued = 0, tenant_running = 0;
   std::uint64_t tenant_bytes = 0;  ///< result files of all its jobs; 0: no limit
-  /// Of one tenant in a day of UTC; 0: no limit.
+  /// What one tenant's bakes take in a day of UTC; 0: no limit.
   std::uint64_t tenant_texels = 0, tenant_cpu_seconds = 0;
   double checkpoint_share = 0.05;               ///< see baker::BakeInput
   std::chrono::milliseconds part_time{10'000};  ///< likewise

@@ -17,7 +17,7 @@
 
 namespace kiln::jobs {
 
-/// What readers see of all jobs: those in memory as they are now, those that are over as of the
+/// Answers readers about all jobs: those in memory as they are now, those that are over as of the
 /// store. Thread-safe. Throws DatabaseError.
 class JobLookup {
  public:

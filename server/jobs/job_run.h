@@ -23,14 +23,14 @@ class Metrics;
 namespace kiln::jobs {
 
 struct JobInput : baker::BakeInput {
-  std::string job;  ///< whose bake it is
+  std::string job;  ///< id of the job
 };
 
 /// baker::bake, or a test's stand-in.
 using BakeFunction = std::function<proto::Expected<proto::Manifest>(
     const JobInput&, exec::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
 
-/// What bakes are made with.
+/// The parts that bakes are made with.
 struct Bakery {
   const data::DataFolder& data;
   const data::SceneStore& scenes;

@@ -16,7 +16,7 @@
 
 namespace kiln::jobs {
 
-/// What a client asks for.
+/// A job as a client asks for it.
 struct Submission {
   data::StoredScene scene;
   proto::BakeSettings settings;

@@ -1,8 +1,8 @@
 #include "server/base/clock.h"
-#include "server/store/job_rows.h"
 #include "server/store/job_store.h"
+#include "server/store/rows.h"
 
-/// What tenants took, for their quotas.
+/// The usage of tenants, for their quotas.
 namespace kiln::store {
 
 void JobStore::add_usage(const std::string& tenant, const std::string& day, const Usage& more) {
