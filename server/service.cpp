@@ -84,7 +84,7 @@ struct Service::Impl {
         parts(std::move(p)),
         data(std::move(folder)),
         store(data.database(), [this](double seconds) { metrics.committed(seconds); }),
-        feeds(store),
+        feeds(store, [this](const base::EventRing* ring) { streams.notify(ring); }),
         tokens(data.tokens()),
         gate(tokens),
         scenes(data),
@@ -95,7 +95,6 @@ struct Service::Impl {
                  {webhooks::Networks::parse(config.webhook_networks).value(),
                   config.webhook_secrets, parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
-        feeds_hooked(hook_feeds()),
         jobs({data, scenes, pool, parts.bake, sandbox::import_limits(config), &metrics}, store,
              job_limits(config, parts.memory)),
         janitor(data, store, scenes, uploads, jobs.control(),
@@ -136,7 +135,6 @@ struct Service::Impl {
   // Those who listen to events stand before the JobService: jobs that an earlier process left run
   // as soon as there is one.
   webhooks::Webhooks webhooks;
-  const bool feeds_hooked;
   jobs::JobService jobs;
   jobs::Janitor janitor;
   api::Api api;
@@ -145,11 +143,6 @@ struct Service::Impl {
   std::unique_ptr<http::HttpServer> api_server;
   std::unique_ptr<http::AdminServer> admin_server;
   std::optional<base::IdleMemory> idle_memory;  ///< asks the jobs
-
-  bool hook_feeds() {
-    feeds.on_event([this](const base::EventRing* ring) { streams.notify(ring); });
-    return true;
-  }
 
   std::string metrics_text() {
     const jobs::Admission::Counts jobs_now = jobs.admission().counts();
