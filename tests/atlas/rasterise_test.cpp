@@ -259,8 +259,8 @@ Texel8 pattern(std::uint32_t x, std::uint32_t y) {
 }
 
 /// Adds an image of side x side pixels to the scene, seen without interpolation.
-Texture add_image(scene::Scene& scene, std::uint32_t side,
-                  Texel8 (*colour)(std::uint32_t, std::uint32_t)) {
+scene::Texture add_image(scene::Scene& scene, std::uint32_t side,
+                         Texel8 (*colour)(std::uint32_t, std::uint32_t)) {
   scene.images.push_back({side, side, scene.image_texels.size()});
   for (std::uint32_t y = 0; y < side; ++y) {
     for (std::uint32_t x = 0; x < side; ++x) scene.image_texels.push_back(colour(x, y));
@@ -269,7 +269,7 @@ Texture add_image(scene::Scene& scene, std::uint32_t side,
 }
 
 /// Mean of the 2 x 2 pixels that lie under a texel.
-Rgb pattern_mean(std::uint32_t x, std::uint32_t y) {
+math::Rgb pattern_mean(std::uint32_t x, std::uint32_t y) {
   math::Rgb sum;
   for (std::uint32_t i = 0; i < 4; ++i) {
     const Texel8 c = pattern(2 * x + i % 2, 2 * y + i / 2);

@@ -15,7 +15,7 @@ using test::Mesh;
 using test::quad;
 using test::SceneBuilder;
 
-AtlasSettings page(std::uint32_t size) {
+proto::AtlasSettings page(std::uint32_t size) {
   AtlasSettings s;
   s.page_size = size;
   return s;

@@ -17,7 +17,7 @@ namespace {
 using namespace std::chrono_literals;
 
 /// Hills of n x n cells; `loose`: no two triangles share an edge, so that each is a chart.
-Scene hills(std::uint32_t n, bool loose) {
+scene::Scene hills(std::uint32_t n, bool loose) {
   test::Mesh m;
   const auto at = [n](std::uint32_t x, std::uint32_t z) {
     const float u = float(x) / float(n), v = float(z) / float(n);

@@ -14,7 +14,7 @@ using test::Mesh;
 using test::quad;
 using test::SceneBuilder;
 
-AtlasSettings page(std::uint32_t size, std::uint32_t gutter = 4) {
+proto::AtlasSettings page(std::uint32_t size, std::uint32_t gutter = 4) {
   AtlasSettings s;
   s.page_size = size;
   s.gutter = gutter;

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "baker/solver/gather/gather.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 #include "tests/support/temp_files.h"
 
 namespace kiln::checkpoint {

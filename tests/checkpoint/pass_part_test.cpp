@@ -11,7 +11,7 @@
 
 #include "baker/checkpoint/checkpoint.h"
 #include "baker/solver/gather/gather.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 #include "tests/support/temp_files.h"
 
 namespace kiln::checkpoint {

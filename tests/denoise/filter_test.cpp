@@ -9,7 +9,7 @@
 #include "baker/denoise/surface_neighbours.h"
 #include "baker/solver/adaptive/adaptive_sampling.h"
 #include "baker/solver/work.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 #include "tests/support/ready_scene.h"
 
 namespace kiln::denoise {
@@ -51,8 +51,8 @@ TEST(SurfaceNeighbours, GoOnBehindTheEdgeOfAChart) {
 }
 
 /// A light with independent noise of standard deviation `sigma` in each half of the samples.
-Lightmap noisy(const atlas::TextureGroup& texels, float sigma,
-               const std::function<float(math::Vec3)>& truth) {
+lightmap::Lightmap noisy(const atlas::TextureGroup& texels, float sigma,
+                         const std::function<float(math::Vec3)>& truth) {
   std::mt19937 random(7);
   std::normal_distribution<float> normal(0, sigma);
   lightmap::Lightmap light(texels.size());
@@ -215,7 +215,7 @@ TEST(SampleRounds, KnowHowFarARoundHasCome) {
       double work[2] = {0, 0};
       for (std::uint32_t t = 0; t < light->size(); ++t)
         work[t >= half] += (light->direct_samples[t] - before->direct_samples[t]) +
-                           work::kDirection * (light->samples[t] - before->samples[t]);
+                           solver::work::kDirection * (light->samples[t] - before->samples[t]);
       done = work[0] / (work[0] + work[1]);
     }
     before = light;

@@ -3,7 +3,7 @@
 
 #include "tests/import/bad_input.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 TEST(BadInput, BuffersAndViews) {
@@ -72,7 +72,7 @@ refuse("folder/missing.bin", "missing_file");
 }
 
 TEST(BadInput, SideFileMustBeUnambiguous) {
-  GltfBuilder b = test::triangle_builder();
+  test::GltfBuilder b = test::triangle_builder();
   b.json["buffers"] = {{{"byteLength", 36}, {"uri", "x/a.bin"}}};
   const auto check = [&](const std::map<std::string, std::string>& side) {
     const import::Upload upload(b.document(false).dump(), side);
@@ -112,7 +112,7 @@ TEST(BadInput, AccessorContents) {
 }
 
 TEST(BadInput, BoundsThatLieAreAWarning) {
-  GltfBuilder b = import::specimen();
+  test::GltfBuilder b = import::specimen();
   b.json["accessors"][0]["max"] = {1, 0.5, 0};
   b.json["accessors"][0]["min"] = {0, 0, 0};
   EXPECT_EQ(import::warning_codes(import::imported(b)),
@@ -121,7 +121,7 @@ TEST(BadInput, BoundsThatLieAreAWarning) {
 
 TEST(BadInput, SparseAccessors) {
   const auto with_sparse = [](std::vector<std::uint8_t> indices, int count, json extra) {
-    return [=](GltfBuilder& b) {
+    return [=](test::GltfBuilder& b) {
       const int i = b.view(indices.data(), indices.size());
       const std::vector<float> values(3 * indices.size(), 0.5f);
       const int v = b.view(values.data(), values.size() * sizeof(float));
@@ -147,4 +147,4 @@ TEST(BadInput, SparseAccessors) {
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

@@ -3,7 +3,7 @@
 
 #include "tests/import/bad_input.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 TEST(BadInput, SpecimenItselfIsFine) {
@@ -19,7 +19,7 @@ TEST(BadInput, Container) {
   other_version[4] = 1;
   import::expect_refused(other_version, "invalid_scene", "");
   import::expect_refused(glb + "more", "invalid_scene", "");
-  import::expect_refused(GltfBuilder::glb("", "data"), "invalid_scene", "");
+  import::expect_refused(test::GltfBuilder::glb("", "data"), "invalid_scene", "");
 }
 
 TEST(BadInput, Json) {
@@ -41,7 +41,7 @@ TEST(BadInput, Asset) {
   }  // namespace
 , "invalid_scene", "/asset");
   import::expect_refused([](auto& b) { b.json["asset"]["version"] = "1.0";
-  }  // namespace kiln::gltf
+  }  // namespace kiln::import
 , "invalid_scene",
                  "/asset/version");
   import::expect_refused([](auto& b) { b.json["asset"]["version"] = 2;
@@ -53,7 +53,7 @@ TEST(BadInput, Asset) {
   }
 
   TEST(BadInput, RequiredExtension) {
-    const auto require = [](GltfBuilder& b) {
+    const auto require = [](test::GltfBuilder& b) {
       b.json["extensionsRequired"] = {"KHR_texture_transform", "VENDOR_magic"};
     };
     import::expect_refused(require, "unsupported_extension", "/extensionsRequired/1");
@@ -115,4 +115,4 @@ TEST(BadInput, Asset) {
   }
 
   }  // namespace
-  }  // namespace kiln::gltf
+  }  // namespace kiln::import

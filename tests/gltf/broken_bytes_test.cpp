@@ -6,7 +6,7 @@
 
 #include "tests/import/bad_input.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 TEST(BadInput, EveryPrefixOfAGlbIsAnError) {
@@ -61,7 +61,7 @@ void flip_and_import(const std::string& original, unsigned seed, int rounds) {
 }
 
 TEST(BadInput, RandomBitFlipsNeverCrash) {
-  GltfBuilder b = import::specimen();
+  test::GltfBuilder b = import::specimen();
   const std::uint8_t at = 1;
   const int indices = b.view(&at, 1);
   const std::vector<float> moved{1, 0.5f, 0};
@@ -78,7 +78,7 @@ TEST(BadInput, RandomBitFlipsNeverCrash) {
 
 // JSON values of all kinds at every place of the document.
 TEST(BadInput, AnyValueAnywhereNeverCrashes) {
-  const GltfBuilder b = import::specimen();
+  const test::GltfBuilder b = import::specimen();
   const json document = b.document(true);
   const json flat = document.flatten();
   const std::vector<json> values{nullptr, -1, 3, 9007199254740991, 1e38, "x", json::array(), {0}};
@@ -102,4 +102,4 @@ TEST(BadInput, AnyValueAnywhereNeverCrashes) {
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

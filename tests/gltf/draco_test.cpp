@@ -6,7 +6,7 @@
 #include "tests/import/bad_input.h"
 #include "tests/support/packed_gltf.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 using test::packed_by_draco;
@@ -32,7 +32,7 @@ struct Sheet {
         indices.insert(indices.end(), {i, i + kSide, i + 1, i + 1, i + kSide, i + kSide + 1});
       }
   }
-  GltfBuilder packed(bool edgebreaker) const {
+  test::GltfBuilder packed(bool edgebreaker) const {
     return test::packed_by_draco(positions, normals, indices, edgebreaker);
   }
 };
@@ -57,7 +57,7 @@ std::vector<std::array<math::Vec3, 3>> ordered(const scene::Scene& scene) {
 
 TEST(Draco, BothEncodingsGiveTheSameSheet) {
   const Sheet sheet;
-  GltfBuilder plain;
+  test::GltfBuilder plain;
   const int p = plain.accessor(sheet.positions, 3), n = plain.accessor(sheet.normals, 3),
             i = plain.accessor(sheet.indices, 1);
   plain.node(
@@ -77,7 +77,7 @@ TEST(Draco, BothEncodingsGiveTheSameSheet) {
 
 TEST(Draco, MeshesMayShareAccessorsAndPlainDataIsTakenWhereItIsThere) {
   const Sheet sheet;
-  GltfBuilder b = sheet.packed(true);
+  test::GltfBuilder b = sheet.packed(true);
   b.json["meshes"][0]["primitives"].push_back(import::primitive(b));
   EXPECT_EQ(import::imported(b).triangles.size(), 2 * kTriangles);
   // Nobody reads the compressed bytes of a primitive whose accessors have views.
@@ -91,7 +91,7 @@ TEST(Draco, MeshesMayShareAccessorsAndPlainDataIsTakenWhereItIsThere) {
   EXPECT_EQ(import::imported(plain).triangles.size(), kTriangles);
 }
 
-void expect_wrong(const std::function<void(GltfBuilder&)>& edit, const std::string& words,
+void expect_wrong(const std::function<void(test::GltfBuilder&)>& edit, const std::string& words,
                   const std::string& code = "invalid_scene",
                   const files::ImportLimits& limits = {}) {
   for (const bool edgebreaker : {false, true}) {
@@ -112,39 +112,43 @@ json& extension(GltfBuilder& b) {
 }
 
 TEST(Draco, WhatCannotBeIsAnErrorWithItsPlace) {
-  expect_wrong([](GltfBuilder& b) { b.json["accessors"][2]["count"] = 3; }, "triangles");
-  expect_wrong([](GltfBuilder& b) { b.json["accessors"][0]["count"] = 3; }, "count");
+  expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][2]["count"] = 3; }, "triangles");
+  expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][0]["count"] = 3; }, "count");
   expect_wrong(
-      [](GltfBuilder& b) { b.json["accessors"][0]["count"] = b.json["accessors"][1]["count"] = 3; },
+      [](test::GltfBuilder& b) {
+        b.json["accessors"][0]["count"] = b.json["accessors"][1]["count"] = 3;
+      },
       "more vertices");
   expect_wrong(
-      [](GltfBuilder& b) {
+      [](test::GltfBuilder& b) {
         b.json["accessors"][0]["count"] = b.json["accessors"][1]["count"] = 1000;
       },
       "vertices and");
-  expect_wrong([](GltfBuilder& b) { b.json["accessors"][2]["componentType"] = 5121; },
+  expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][2]["componentType"] = 5121; },
                "do not fit");
-  expect_wrong([](GltfBuilder& b) { b.json["accessors"][0]["type"] = "MAT2"; }, "can't hold");
-  expect_wrong([](GltfBuilder& b) { import::primitive(b)["mode"] = 5; }, "only triangles",
+  expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][0]["type"] = "MAT2"; }, "can't hold");
+  expect_wrong([](test::GltfBuilder& b) { import::primitive(b)["mode"] = 5; }, "only triangles",
                "unsupported_extension");
-  expect_wrong([](GltfBuilder& b) { import::primitive(b).erase("indices"); }, "needs indices");
-  expect_wrong([](GltfBuilder& b) { extension(b)["attributes"]["POSITION"] = 77; }, "attribute 77");
-  expect_wrong([](GltfBuilder& b) { extension(b)["attributes"]["POSITION"] = -1; }, "");
-  expect_wrong([](GltfBuilder& b) { extension(b).erase("attributes"); }, "attributes");
-  expect_wrong([](GltfBuilder& b) { extension(b)["bufferView"] = 9; }, "");
-  expect_wrong([](GltfBuilder& b) { b.binary.replace(0, 5, "XXXXX"); }, "no Draco header");
-  expect_wrong([](GltfBuilder& b) { b.binary[6] = 1; }, "version");
-  expect_wrong([](GltfBuilder& b) { b.binary[7] = 0; }, "no triangle mesh");
-  expect_wrong([](GltfBuilder& b) { b.binary[8] = 9; }, "encoding");
-  expect_wrong([](GltfBuilder& b) { b.json["bufferViews"][0]["byteLength"] = 12; }, "");
+  expect_wrong([](test::GltfBuilder& b) { import::primitive(b).erase("indices"); },
+               "needs indices");
+  expect_wrong([](test::GltfBuilder& b) { extension(b)["attributes"]["POSITION"] = 77; },
+               "attribute 77");
+  expect_wrong([](test::GltfBuilder& b) { extension(b)["attributes"]["POSITION"] = -1; }, "");
+  expect_wrong([](test::GltfBuilder& b) { extension(b).erase("attributes"); }, "attributes");
+  expect_wrong([](test::GltfBuilder& b) { extension(b)["bufferView"] = 9; }, "");
+  expect_wrong([](test::GltfBuilder& b) { b.binary.replace(0, 5, "XXXXX"); }, "no Draco header");
+  expect_wrong([](test::GltfBuilder& b) { b.binary[6] = 1; }, "version");
+  expect_wrong([](test::GltfBuilder& b) { b.binary[7] = 0; }, "no triangle mesh");
+  expect_wrong([](test::GltfBuilder& b) { b.binary[8] = 9; }, "encoding");
+  expect_wrong([](test::GltfBuilder& b) { b.json["bufferViews"][0]["byteLength"] = 12; }, "");
   // A header that asks for 2^31 triangles takes no memory.
-  expect_wrong([](GltfBuilder& b) { b.binary.replace(11, 12, 12, '\xff'); }, "");
+  expect_wrong([](test::GltfBuilder& b) { b.binary.replace(11, 12, 12, '\xff'); }, "");
   files::ImportLimits few;
   few.file_bytes = 14'000;
-  expect_wrong([](GltfBuilder& b) { b.json["accessors"][0]["count"] = 1u << 30; }, "count",
+  expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][0]["count"] = 1u << 30; }, "count",
                "invalid_scene", few);
   expect_wrong(
-      [](GltfBuilder& b) {
+      [](test::GltfBuilder& b) {
         b.json["accessors"][0]["count"] = b.json["accessors"][1]["count"] = 1u << 30;
       },
       "decompressed", "limit_exceeded", few);
@@ -152,10 +156,10 @@ TEST(Draco, WhatCannotBeIsAnErrorWithItsPlace) {
 
 TEST(Draco, BrokenDataIsHarmless) {
   for (const bool edgebreaker : {false, true}) {
-    const GltfBuilder good = Sheet().packed(edgebreaker);
+    const test::GltfBuilder good = Sheet().packed(edgebreaker);
     import::expect_harmless_when_damaged(good, {"invalid_scene", "nothing_to_bake"});
   }
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

@@ -7,7 +7,7 @@
 #include "tests/import/import_helpers.h"
 #include "tests/support/sanitizer.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 /// Processor time of this thread in seconds: other work on the machine doesn't count.
@@ -20,7 +20,7 @@ double thread_seconds() {
 /// The bound on seconds is kept as a ratio, which other work on a shared machine moves less:
 /// reading every character of the file once, with nothing built from it, takes 0.3 s per 45 MB on
 /// the machine where a check takes 0.8 s.
-void expect_quick_check(const GltfBuilder& b) {
+void expect_quick_check(const test::GltfBuilder& b) {
   const std::string text = b.gltf();
   const import::Upload upload(text);
   EXPECT_GT(text.size(), 40'000'000u);
@@ -39,7 +39,7 @@ void expect_quick_check(const GltfBuilder& b) {
 }
 
 TEST(LargeJson, ManyNodesWithExtras) {
-  GltfBuilder b = test::triangle_builder();
+  test::GltfBuilder b = test::triangle_builder();
   const nlohmann::json extras = {{"tags", {"alpha", "beta", "gamma"}},
                                  {"nested", {{"a", 1.5}, {"b", {1, 2, 3, 4}}}}};
   for (int i = 1; i < 200'000; ++i) {
@@ -53,7 +53,7 @@ TEST(LargeJson, ManyNodesWithExtras) {
 }
 
 TEST(LargeJson, ManyMeshesAndAccessors) {
-  GltfBuilder b = test::triangle_builder();
+  test::GltfBuilder b = test::triangle_builder();
   for (int i = 1; i < 90'000; ++i) {
     const int positions = b.add("accessors", {{"bufferView", 0},
                                               {"componentType", 5126},
@@ -96,4 +96,4 @@ TEST(LargeJson, AKeyThatComesTwiceHasItsLastValue) {
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

@@ -10,7 +10,7 @@
 #include "tests/import/bad_input.h"
 #include "tests/support/packed_gltf.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -81,11 +81,11 @@ template <class T>
 std::vector<T> decoded(const std::vector<T>& stored, std::size_t stride,
                        const std::string& filter) {
   const Bytes plain = bytes_of(stored);
-  MeshoptView view{plain.size() / stride, stride, "ATTRIBUTES", filter};
+  gltf::MeshoptView view{plain.size() / stride, stride, "ATTRIBUTES", filter};
   const std::string packed = packed_attributes(plain, stride);
-  EXPECT_EQ(wrong_with(view, packed.size(), plain.size(), 0), "");
+  EXPECT_EQ(gltf::wrong_with(view, packed.size(), plain.size(), 0), "");
   std::string out;
-  EXPECT_EQ(decode_meshopt(view, packed, out), "");
+  EXPECT_EQ(gltf::decode_meshopt(view, packed, out), "");
   std::vector<T> values(out.size() / sizeof(T));
   std::memcpy(values.data(), out.data(), values.size() * sizeof(T));
   return values;
@@ -210,7 +210,7 @@ TEST(MeshoptFilters, ExponentialNumbersAreExact) {
 }
 
 /// A triangle with a view of its own that holds rotations, which nothing reads.
-GltfBuilder with_rotations(const json& changes, char first_byte = '\xa0') {
+test::GltfBuilder with_rotations(const json& changes, char first_byte = '\xa0') {
   GltfBuilder b = test::triangle_builder();
   const std::vector<std::int16_t> stored{0, 0, 0, 0x7fff, 0, 0, 0, 0x7ffe};
   b.accessor(stored, 4, true);
@@ -224,7 +224,7 @@ GltfBuilder with_rotations(const json& changes, char first_byte = '\xa0') {
 TEST(MeshoptFilters, WhatIsNotSupportedIsAnErrorWithItsPlace) {
   EXPECT_EQ(import::imported(with_rotations(json::object())).triangles.size(), 1u);
   const std::string at = "/bufferViews/1/extensions/EXT_meshopt_compression";
-  const auto refused = [&](const GltfBuilder& b, const std::string& place) {
+  const auto refused = [&](const test::GltfBuilder& b, const std::string& place) {
     import::expect_refused(b.glb(), "invalid_scene", place);
     return import::import_bytes(b.glb()).error().message;
   };
@@ -241,10 +241,10 @@ TEST(MeshoptFilters, WhatIsNotSupportedIsAnErrorWithItsPlace) {
             .find("filter has a byteStride"),
         std::string::npos)
         << filter << stride;
-  GltfBuilder later = with_rotations(json::object());
+  test::GltfBuilder later = with_rotations(json::object());
   later.json["extensionsUsed"] = later.json["extensionsRequired"] = {"KHR_meshopt_compression"};
   import::expect_refused(later.glb(), "unsupported_extension", "/extensionsRequired/0");
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

@@ -7,7 +7,7 @@
 #include "tests/import/bad_input.h"
 #include "tests/support/packed_gltf.h"
 
-namespace kiln::gltf {
+namespace kiln::import {
 namespace {
 
 using test::packed_by_meshopt;
@@ -16,7 +16,7 @@ using test::PackedView;
 constexpr unsigned kSide = 20;
 
 /// A bumpy sheet of kSide x kSide vertices: positions, normals of four signed bytes, indices.
-GltfBuilder sheet(int index_stride) {
+test::GltfBuilder sheet(int index_stride) {
   GltfBuilder b;
   std::vector<float> positions, normals;
   for (unsigned y = 0; y < kSide; ++y)
@@ -44,7 +44,7 @@ GltfBuilder sheet(int index_stride) {
   return b;
 }
 
-GltfBuilder packed_sheet(const std::string& mode, int index_stride) {
+test::GltfBuilder packed_sheet(const std::string& mode, int index_stride) {
   return packed_by_meshopt(
       sheet(index_stride),
       {{"ATTRIBUTES", "NONE", 12}, {"ATTRIBUTES", "OCTAHEDRAL", 4}, {mode, "NONE", index_stride}});
@@ -72,7 +72,7 @@ std::vector<std::array<float, 9>> turned(const scene::Scene& scene) {
 }
 
 TEST(Meshopt, EveryModeGivesTheSameSheet) {
-  GltfBuilder plain = sheet(4);
+  test::GltfBuilder plain = sheet(4);
   plain.json["meshes"][0]["primitives"][0]["attributes"].erase("NORMAL");
   const auto expected = turned(import::imported(plain));
   ASSERT_EQ(expected.size(), 2 * (kSide - 1) * (kSide - 1));
@@ -90,7 +90,7 @@ TEST(Meshopt, EveryModeGivesTheSameSheet) {
 }
 
 TEST(Meshopt, ExponentialNumbers) {
-  GltfBuilder b;
+  test::GltfBuilder b;
   const std::vector<float> values{0.125f, 5, -3, 1000, 0.5f, 2, 7, -8, 1e-3f};
   std::vector<std::uint32_t> encoded(values.size());
   meshopt_encodeFilterExp(encoded.data(), 3, 12, 20, values.data());
@@ -108,8 +108,8 @@ TEST(Meshopt, ExponentialNumbers) {
 }
 
 TEST(Meshopt, PlainDataIsTakenWhereItIsThere) {
-  GltfBuilder b = packed_sheet("TRIANGLES", 2);
-  const GltfBuilder plain = sheet(2);
+  test::GltfBuilder b = packed_sheet("TRIANGLES", 2);
+  const test::GltfBuilder plain = sheet(2);
   b.json["buffers"][1]["uri"] = "plain.bin";
   b.binary.assign(b.binary.size(), 'x');  // nobody reads it
   const import::Upload upload(b.glb(), {{"plain.bin", plain.binary}});
@@ -158,10 +158,10 @@ TEST(Meshopt, WhatCannotBeIsAnErrorWithItsPlace) {
 
 TEST(Meshopt, BrokenDataIsHarmless) {
   for (const char* mode : {"TRIANGLES", "INDICES"}) {
-    const GltfBuilder good = packed_sheet(mode, 2);
+    const test::GltfBuilder good = packed_sheet(mode, 2);
     import::expect_harmless_when_damaged(good, {"invalid_scene"});
   }
 }
 
 }  // namespace
-}  // namespace kiln::gltf
+}  // namespace kiln::import

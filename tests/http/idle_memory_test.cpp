@@ -11,7 +11,7 @@
 namespace kiln::test {
 namespace {
 
-TEST(base::IdleMemory, ShrinksAfterABurstOfSmallJobs) {
+TEST(IdleMemory, ShrinksAfterABurstOfSmallJobs) {
   if (kSlowdown > 1) GTEST_SKIP() << "a sanitizer's allocator keeps what was freed";
   constexpr std::uint64_t kAllowed = 28ull << 20;  // without a trim it keeps 39 MiB
   const TempFolder folder;

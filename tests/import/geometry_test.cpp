@@ -178,7 +178,7 @@ TEST(Geometry, SparseAccessorReplacesElements) {
 }
 
 /// A triangle with the given sets, whose u is a hundredth of the set's number.
-Scene with_uv_sets(const std::vector<int>& sets, int texture_reads = -1) {
+scene::Scene with_uv_sets(const std::vector<int>& sets, int texture_reads = -1) {
   GltfBuilder b;
   nlohmann::json attributes = {{"POSITION", b.accessor(test::triangle_positions(), 3)}};
   for (const int set : sets) {
@@ -312,7 +312,7 @@ TEST(Geometry, ZeroNormalsTakeThoseOfTheFaces) {
 // Nodes -------------------------------------------------------------------------------------------
 
 /// A triangle with normals along (0, 0.6, 0.8) under the given node.
-Scene with_node(nlohmann::json node) {
+scene::Scene with_node(nlohmann::json node) {
   GltfBuilder b;
   const int positions = b.accessor(test::triangle_positions(), 3);
   std::vector<float> n;

@@ -10,7 +10,7 @@ namespace kiln::import {
 namespace {
 
 /// A triangle, and a light under a node with the given transform.
-GltfBuilder with_light(nlohmann::json light, nlohmann::json node = nlohmann::json::object()) {
+test::GltfBuilder with_light(nlohmann::json light, nlohmann::json node = nlohmann::json::object()) {
   GltfBuilder b = test::triangle_builder();
   b.json["extensionsUsed"] = {"KHR_lights_punctual"};
   b.json["extensions"]["KHR_lights_punctual"]["lights"] = {std::move(light)};
@@ -152,8 +152,8 @@ TEST(SettingsLights, RectangleIsCentredAndFacesItsDirection) {
     ASSERT_EQ(scene.rect_lights.size(), 1u);
     const scene::RectLight& r = scene.rect_lights[0];
     expect_near(r.corner + r.edge_u * 0.5f + r.edge_v * 0.5f, {1, 2, 3}, 1e-6f);
-    expect_near(cross(r.edge_u, r.edge_v), normalize({direction[0], direction[1], direction[2]}),
-                1e-6f);
+    expect_near(cross(r.edge_u, r.edge_v),
+                math::normalize({direction[0], direction[1], direction[2]}), 1e-6f);
     EXPECT_NEAR(length(r.edge_u), 2, 1e-6f);
     EXPECT_NEAR(length(r.edge_v), 0.5f, 1e-6f);
     EXPECT_NEAR(r.edge_u.y, 0, 1e-6f);  // the width is horizontal

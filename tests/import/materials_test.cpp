@@ -21,8 +21,8 @@ std::string four_colours() {
 
 /// A triangle whose TEXCOORD_0 is `uv` at all corners, with one material made by `edit`, which gets
 /// the builder and the index of a texture of `png`.
-Scene textured(const std::string& png, math::Vec2 uv,
-               const std::function<void(GltfBuilder&, nlohmann::json& material)>& edit) {
+scene::Scene textured(const std::string& png, math::Vec2 uv,
+                      const std::function<void(GltfBuilder&, nlohmann::json& material)>& edit) {
   GltfBuilder b;
   const int positions = b.accessor(test::triangle_positions(), 3);
   const int coordinates = b.accessor(std::vector<float>{uv.x, uv.y, uv.x, uv.y, uv.x, uv.y}, 2);

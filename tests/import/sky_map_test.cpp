@@ -15,7 +15,7 @@ using test::HdrRows;
 using test::SkyPicture;
 
 /// Numbers that half floats and RGBE of Radiance hold, with long runs and without.
-SkyPicture picture(std::uint32_t rows = 24) {
+test::SkyPicture picture(std::uint32_t rows = 24) {
   return {rows, [](math::Vec3 d) -> math::Rgb {
             if (d.y < -0.5f) return {};
             if (d.y < 0) return {0.25f, 0.5f, 0.125f};

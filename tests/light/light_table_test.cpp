@@ -8,7 +8,7 @@
 
 #include "baker/sampling/shapes.h"
 #include "baker/sampling/sobol.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::light {
 namespace {

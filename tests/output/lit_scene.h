@@ -12,8 +12,6 @@
 
 namespace kiln::output {
 
-using namespace kiln::baker;
-
 inline constexpr std::uint32_t kPageSize = 64;
 
 /// How the tests lay a scene out: what matters to lit.glb is only where each corner lies.

@@ -10,7 +10,7 @@ namespace {
 
 /// A group whose only page is drawn with characters: '.' is empty, a letter is a texel of that
 /// chart.
-TextureGroup draw(const std::vector<std::string>& rows) {
+atlas::TextureGroup draw(const std::vector<std::string>& rows) {
   atlas::TextureGroup group;
   atlas::TextureGroup::Page page;
   page.width = std::uint32_t(rows[0].size());

@@ -223,11 +223,11 @@ TEST(SceneFile, AStopRequestEndsTheReading) {
 TEST(Utf8, OneWayToWriteEachCharacter) {
   for (const char* good : {"", "plain", "gr\xc3\xbc\xc3\x9f", "\xe2\x82\xac", "\xf0\x9f\x98\x80",
                            "\xf4\x8f\xbf\xbf", "\xed\x9f\xbf", "\xee\x80\x80"})
-    EXPECT_TRUE(gltf::is_utf8(good)) << good;
+    EXPECT_TRUE(kiln::files::is_utf8(good)) << good;
   for (const char* bad :
        {"\x80", "\xc3", "\xc0\x80", "\xc1\xbf", "\xe0\x80\x80", "\xe2\x82", "\xed\xa0\x80",
         "\xf0\x80\x80\x80", "\xf4\x90\x80\x80", "\xf5\x80\x80\x80", "\xff", "\xc3(", "\xe2(\xa1"})
-    EXPECT_FALSE(gltf::is_utf8(bad)) << bad;
+    EXPECT_FALSE(kiln::files::is_utf8(bad)) << bad;
 }
 
 }  // namespace

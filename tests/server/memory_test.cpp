@@ -32,38 +32,38 @@ class Memory : public jobs::JobServiceTest {
 TEST_F(Memory, AJobOverTheBudgetFails) {
   start(fake_.sized(), limits(100));
   const proto::Job job = wait(submit_sized(101));
-  EXPECT_EQ(job.state, JobState::kFailed);
+  EXPECT_EQ(job.state, proto::JobState::kFailed);
   EXPECT_EQ(job.error->code, "job_too_large");
   EXPECT_EQ(job.memory_estimate_bytes, 101u);
   const std::string fits = submit_sized(100);
-  reach(fits, JobState::kRunning);
+  reach(fits, proto::JobState::kRunning);
   fake_.go = true;
-  EXPECT_EQ(wait(fits).state, JobState::kSucceeded);
+  EXPECT_EQ(wait(fits).state, proto::JobState::kSucceeded);
   EXPECT_EQ(admission().counts().reserved_bytes, 0u);
 }
 
 TEST_F(Memory, WhatDoesNotFitWaitsInTheQueue) {
   start(fake_.sized(), limits(100));
   const std::string first = submit_sized(60);
-  reach(first, JobState::kRunning);
+  reach(first, proto::JobState::kRunning);
   const std::string large = submit_sized(70);
   for (int i = 0; i < 2000 && count(large, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(lookup().get(large)->state, JobState::kQueued);
+  EXPECT_EQ(lookup().get(large)->state, proto::JobState::kQueued);
   EXPECT_EQ(lookup().get(large)->attempt, 1u);
   EXPECT_EQ(lookup().get(large)->memory_estimate_bytes, 70u);
   const std::string small = submit_sized(10);
   std::this_thread::sleep_for(100ms);
-  EXPECT_EQ(lookup().get(small)->state, JobState::kQueued) << "behind the one that waits";
+  EXPECT_EQ(lookup().get(small)->state, proto::JobState::kQueued) << "behind the one that waits";
   EXPECT_EQ(fake_.imported, 2) << "what waits is not imported again and again";
   EXPECT_EQ(admission().counts().reserved_bytes, 60u);
   EXPECT_TRUE(control().cancel(first));
-  reach(large, JobState::kRunning);
-  reach(small, JobState::kRunning);
+  reach(large, proto::JobState::kRunning);
+  reach(small, proto::JobState::kRunning);
   EXPECT_EQ(admission().counts().reserved_bytes, 80u);
   fake_.go = true;
-  EXPECT_EQ(wait(large).state, JobState::kSucceeded);
-  EXPECT_EQ(wait(small).state, JobState::kSucceeded);
+  EXPECT_EQ(wait(large).state, proto::JobState::kSucceeded);
+  EXPECT_EQ(wait(small).state, proto::JobState::kSucceeded);
   EXPECT_EQ(count(large, "waits_for_memory"), 1u);
   expect_no_holes(events(large));
 }
@@ -71,14 +71,14 @@ TEST_F(Memory, WhatDoesNotFitWaitsInTheQueue) {
 TEST_F(Memory, WhatWaitsCanBeCanceledAndSurvivesTheProcess) {
   start(fake_.sized(), limits(100));
   const std::string running = submit_sized(90);
-  reach(running, JobState::kRunning);
+  reach(running, proto::JobState::kRunning);
   const std::string canceled = submit_sized(20), kept = submit_sized(30);
   for (int i = 0; i < 2000 && count(canceled, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(control().cancel(canceled)->state, JobState::kCanceled);
+  EXPECT_EQ(control().cancel(canceled)->state, proto::JobState::kCanceled);
   for (int i = 0; i < 2000 && count(kept, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(lookup().get(kept)->state, JobState::kQueued);
+  EXPECT_EQ(lookup().get(kept)->state, proto::JobState::kQueued);
   jobs().stop();
   fake_.go = true;
   // The budget of the next process is smaller: what was let in once is looked at again.
@@ -110,14 +110,14 @@ TEST_F(Memory, AJobsImportDrawsOnItsReservation) {
   };
   start(importing, limits);
   const std::string first = submit_sized(300);
-  reach(first, JobState::kRunning);
+  reach(first, proto::JobState::kRunning);
   const std::string second = submit_sized(700);
   for (int i = 0; i < 2000 && count(second, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
   EXPECT_TRUE(control().cancel(first));
-  reach(second, JobState::kRunning);  // with 700 and, for its import, 500 of 800
+  reach(second, proto::JobState::kRunning);  // with 700 and, for its import, 500 of 800
   fake_.go = true;
-  EXPECT_EQ(wait(second).state, JobState::kSucceeded);
+  EXPECT_EQ(wait(second).state, proto::JobState::kSucceeded);
 }
 
 TEST_F(Memory, AJobThatWaitsForAnImportIsLeftInPeace) {
@@ -131,10 +131,10 @@ TEST_F(Memory, AJobThatWaitsForAnImportIsLeftInPeace) {
     for (int i = 0; i < 2000 && count(id, "waits_for_memory") == 0; ++i)
       std::this_thread::sleep_for(5ms);
     std::this_thread::sleep_for(100ms);
-    EXPECT_EQ(lookup().get(id)->state, JobState::kQueued);
+    EXPECT_EQ(lookup().get(id)->state, proto::JobState::kQueued);
     EXPECT_EQ(fake_.imported, 1) << "though no other job runs";
   }
-  reach(id, JobState::kRunning);
+  reach(id, proto::JobState::kRunning);
   EXPECT_EQ(fake_.imported, 2);
   EXPECT_EQ(count(id, "waits_for_memory"), 1u);
 }

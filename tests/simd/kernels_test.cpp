@@ -66,8 +66,8 @@ TEST(Kernels, DirectionsAreTheConcentricMap) {
     Directions d;
     kernels().directions(points, frames, d);
     for (std::uint32_t i = 0; i < 16; ++i) {
-      const math::Vec3 expected = sampling::Frame(normal).to_world(
-          sampling::cosine_direction(scrambled({points.x[i], points.y[i]}, points.seed_x[i])));
+      const math::Vec3 expected = sampling::Frame(normal).to_world(sampling::cosine_direction(
+          sampling::scrambled({points.x[i], points.y[i]}, points.seed_x[i])));
       for (int k = 0; k < 3; ++k) ASSERT_NEAR(d.direction[k][i], expected[k], 2e-6f);
       ASSERT_NEAR(d.above[i], dot(expected, up), 2e-6f);
     }

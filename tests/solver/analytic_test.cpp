@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "baker/sampling/shapes.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
 namespace {

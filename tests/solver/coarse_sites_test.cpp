@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
 namespace {

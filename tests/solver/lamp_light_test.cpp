@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "baker/sampling/shapes.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
 namespace {

@@ -7,7 +7,7 @@
 #include "baker/light/sky_light.h"
 #include "baker/sampling/shapes.h"
 #include "baker/sampling/sobol.h"
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
 namespace {

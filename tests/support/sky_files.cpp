@@ -91,7 +91,7 @@ std::string hdr_file(const SkyPicture& picture, HdrRows rows, const std::string&
   return out;
 }
 
-Rgb hdr_rounded(Rgb c) {
+math::Rgb hdr_rounded(Rgb c) {
   const Rgbe p = rgbe(c);
   const float scale = p[3] == 0 ? 0 : std::ldexp(1.f, int(p[3]) - 136);
   return {float(p[0]) * scale, float(p[1]) * scale, float(p[2]) * scale};

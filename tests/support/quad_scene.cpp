@@ -1,4 +1,4 @@
-#include "tests/solver/quad_scene.h"
+#include "tests/support/quad_scene.h"
 
 #include <cstring>
 #include <stdexcept>
@@ -97,7 +97,7 @@ Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned thread
   const auto solver = baker::make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup,
                                           settings, sample_plan(settings, quality), filter});
   exec::ThreadPool pool(threads);
-  auto solution = solve(*solver, *texels_, pool, {});
+  auto solution = solver::solve(*solver, *texels_, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);
   return std::move(*solution);
 }
