@@ -13,7 +13,7 @@ proto::Expected<void> InProcessReader::write_lit(const std::filesystem::path& pa
                                                  const atlas::Atlas& atlas,
                                                  std::span<const output::LitPage> pages,
                                                  std::stop_token /*stop*/) {
-  return output::lit::write_lit_glb(path, files_, scene, atlas, pages);
+  return output::lit::write_lit_glb(path, files_, scene, atlas, pages, limits_);
 }
 
 }  // namespace kiln::baker

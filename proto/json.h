@@ -20,6 +20,9 @@ namespace kiln::proto {
 /// Errors: `invalid_json` (with line and column in the message).
 Expected<nlohmann::json> parse_json(std::string_view text, std::string_view source);
 
+/// "line 3, column 14" of the byte at `byte` of a text; all three count as editors do.
+std::string line_and_column(std::string_view text, std::size_t byte);
+
 /// The document as text, on one line when `indent` is negative. Never throws: what is not UTF-8 (a
 /// client's file name, say) is replaced by U+FFFD.
 std::string to_text(const nlohmann::json&, int indent = -1);

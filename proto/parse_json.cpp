@@ -14,15 +14,6 @@ using nlohmann::json;
 constexpr std::size_t kMaxDepth = 64;
 constexpr std::size_t kMaxPointer = 256;
 
-/// "line 3, column 14" of a byte, both from 1.
-std::string place(std::string_view text, std::size_t byte) {
-  const auto before = text.substr(0, std::min(byte, text.size()));
-  const auto line = 1 + std::count(before.begin(), before.end(), '\n');
-  const auto start = before.rfind('\n');
-  const auto column = start == std::string_view::npos ? before.size() + 1 : before.size() - start;
-  return "line " + std::to_string(line) + ", column " + std::to_string(column);
-}
-
 /// The byte at which nesting becomes too deep, or npos. Only brackets outside strings count.
 std::size_t too_deep_at(std::string_view text) {
   std::size_t depth = 0;
@@ -123,13 +114,21 @@ class Builder : public nlohmann::json_sax<json> {
 
 }  // namespace
 
+std::string line_and_column(std::string_view text, std::size_t byte) {
+  const auto before = text.substr(0, std::min(byte, text.size()));
+  const auto line = 1 + std::count(before.begin(), before.end(), '\n');
+  const auto start = before.rfind('\n');
+  const auto column = start == std::string_view::npos ? before.size() + 1 : before.size() - start;
+  return "line " + std::to_string(line) + ", column " + std::to_string(column);
+}
+
 Expected<json> parse_json(std::string_view text, std::string_view source) {
   const auto invalid = [&](const std::string& pointer, const std::string& what) {
     return fail("invalid_json", std::string(source) + ": " + what, std::string(source), pointer);
   };
   if (const auto at = too_deep_at(text); at != std::string_view::npos)
-    return invalid(
-        "", "nested deeper than " + std::to_string(kMaxDepth) + " levels at " + place(text, at));
+    return invalid("", "nested deeper than " + std::to_string(kMaxDepth) + " levels at " +
+                           line_and_column(text, at));
   Builder builder;
   if (json::sax_parse(text, &builder)) return std::move(builder.root);
   if (!builder.duplicate.empty()) {
@@ -137,8 +136,8 @@ Expected<json> parse_json(std::string_view text, std::string_view source) {
     return invalid(long_key ? "" : builder.duplicate,
                    "the key at " + brief(builder.duplicate, kMaxPointer) + " is there twice");
   }
-  return invalid(
-      "", "not valid JSON at " + place(text, builder.error_byte) + ": " + builder.error_text);
+  return invalid("", "not valid JSON at " + line_and_column(text, builder.error_byte) + ": " +
+                         builder.error_text);
 }
 
 std::string to_text(const json& value, int indent) {

@@ -214,7 +214,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),
       row<[](auto& s) -> auto& { return s.sky.map; }>(
           {.path = "sky.map", .kind = kText, .max = 1024, .nullable = true,
-           .description = "Name of a side file of the scene, OpenEXR or Radiance HDR: the sky by "
+           .description = "Name of a side file of the scene, OpenEXR, Radiance HDR or TIFF: the sky by "
                           "direction, which adds to radiance. Equirectangular, twice as wide as high: "
                           "the top row is +Y; the centre is seen along +X, what is right of it along "
                           "+Z. A pixel has one radiance all over. null: none."}),

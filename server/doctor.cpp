@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "baker/bake.h"
+#include "baker/image/image.h"
 #include "proto/files.h"
 #include "server/auth/gate.h"
 #include "server/auth/token_store.h"
@@ -192,9 +193,19 @@ Finding sqlite() {
 
 }  // namespace
 
+Finding image_module() {
+  const auto opened = image::open_module();
+  if (opened) return {"image_module", Health::kOk, "OpenImageIO can be used", ""};
+  return {
+      "image_module", Health::kFail, opened.error().message,
+      "Scenes with textures and all bakes fail. Install the program anew, with the packages that "
+      "docker/Dockerfile lists."};
+}
+
 std::vector<Finding> examine(const base::ServerConfig& config) {
   return {processor(),
           memory(config),
+          image_module(),
           data_fsync(config.data),
           disk_free(config.data),
           descriptors(config),

@@ -198,8 +198,7 @@ const unsigned char* AccessorView::element(std::uint64_t i) const {
     while (low < high) {
       const std::uint32_t middle = low + (high - low) / 2;
       const std::uint32_t at = load_unsigned(sparse_indices + middle * size, sparse_component);
-      if (at == i)
-        return sparse_values + std::size_t(middle) * components * component_bytes(component);
+      if (at == i) return sparse_values + std::size_t(middle) * element_bytes;
       (at < i ? low : high) = at < i ? middle + 1 : middle;
     }
   }
@@ -220,6 +219,13 @@ std::array<float, 4> AccessorView::floats(std::uint64_t i) const {
     out[c] = load_float(p + c * size, component, normalized);
   }
   return out;
+}
+
+void AccessorView::copy(std::uint64_t i, char* out) const {
+  if (const unsigned char* from = element(i))
+    std::memcpy(out, from, element_bytes);
+  else
+    std::memset(out, 0, element_bytes);
 }
 
 proto::Expected<void> check_accessors(const Document& document, const std::stop_token& stop) {
@@ -246,6 +252,7 @@ proto::Expected<AccessorView> Accessors::view_of(int accessor) const {
   v.component = static_cast<Component>(a.componentType);
   v.normalized = a.normalized;
   v.components = static_cast<std::uint32_t>(component_count(a));
+  v.element_bytes = static_cast<std::uint32_t>(element_size(a));
   const auto start = [&](int view, std::size_t offset) -> proto::Expected<const unsigned char*> {
     const auto bytes = buffer_view_bytes(document_, view, at);
     if (!bytes) return Unexpected(bytes.error());
@@ -319,6 +326,15 @@ proto::Expected<void> Accessors::check_contents(const AccessorView& v, int acces
                            "values lie outside the declared min and max");
   }
   return {};
+}
+
+proto::Expected<AccessorView> Accessors::open_raw(std::uint64_t accessor) const {
+  const std::string at = accessor_pointer(accessor);
+  if (accessor >= checked_.size()) return invalid("there is no such accessor", at);
+  auto view = view_of(static_cast<int>(accessor));
+  if (!view) return view;
+  if (auto sparse = check_sparse(*view, at); !sparse) return Unexpected(sparse.error());
+  return view;
 }
 
 proto::Expected<AccessorView> Accessors::open(int accessor, const AccessorFormat& format,

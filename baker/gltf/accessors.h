@@ -12,36 +12,40 @@
 
 namespace kiln::gltf {
 
-/// An accessor's elements, read one by one: stride, sparse replacement, normalisation and missing
-/// buffer views (zeros) are dealt with here and nowhere else. Data may lie unaligned. Views into
-/// the document's bytes; immutable.
+/// An accessor's elements, read one by one. Stride, sparse replacement, normalisation and missing
+/// buffer views (zeros) are dealt with here and nowhere else. Data may lie unaligned. The pointers
+/// are views into the document's bytes; immutable.
 struct AccessorView {
   const unsigned char* data = nullptr;  ///< nullptr: zeros
   std::size_t stride = 0;
   std::uint64_t count = 0;
   Component component = Component::kFloat;
   bool normalized = false;
-  std::uint32_t components = 1;  ///< 1 to 4; matrices are not read
+  std::uint32_t components = 1;
+  std::uint32_t element_bytes = 0;  ///< without padding between elements
 
   std::uint32_t sparse_count = 0;
   Component sparse_component = Component::kUnsignedInt;
   const unsigned char* sparse_indices = nullptr;
   const unsigned char* sparse_values = nullptr;  ///< tightly packed
 
-  /// First component as an unsigned integer. Requires an unsigned type.
+  /// Returns the first component as an unsigned integer. Requires an unsigned type.
   std::uint32_t index(std::uint64_t i) const;
-  /// Components as floats, normalised ones mapped to [0, 1] or [-1, 1] [glTF 2.0, 3.11].
+  /// Returns the components as floats, normalised ones mapped to [0, 1] or [-1, 1]
+  /// [glTF 2.0, 3.11]. Requires at most four components.
   std::array<float, 4> floats(std::uint64_t i) const;
+  /// Copies element i, i < count, to `out`: element_bytes bytes.
+  void copy(std::uint64_t i, char* out) const;
 
  private:
   const unsigned char* element(std::uint64_t i) const;
 };
 
-/// Type, alignment, stride and range of every accessor against its buffer view.
+/// Checks type, alignment, stride and range of every accessor against its buffer view.
 /// Errors: `invalid_scene`, `canceled`.
 proto::Expected<void> check_accessors(const Document&, const std::stop_token&);
 
-/// What a use of an accessor allows.
+/// The types that a use of an accessor allows.
 struct AccessorFormat {
   std::uint32_t min_components = 1, max_components = 1;
   std::vector<std::pair<Component, bool>> types;  ///< component type, normalised
@@ -56,6 +60,9 @@ class Accessors {
 
   /// `use` is the property's name for messages. Errors: `invalid_scene`, `canceled`.
   proto::Expected<AccessorView> open(int accessor, const AccessorFormat&, const std::string& use);
+  /// Opens an accessor for a copy of its elements, whatever its type: of the contents only the
+  /// sparse indices are checked. Any index is safe. Errors: `invalid_scene`, `canceled`.
+  proto::Expected<AccessorView> open_raw(std::uint64_t accessor) const;
 
  private:
   proto::Expected<AccessorView> view_of(int accessor) const;

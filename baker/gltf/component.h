@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string_view>
 
 namespace kiln::gltf {
 
@@ -14,7 +15,7 @@ enum class Component : std::uint16_t {
   kFloat = 5126,
 };
 
-/// Of a number that may be none of them; 0 then.
+/// Returns the bytes of a component; 0 for a number that is no component type.
 constexpr std::uint32_t component_bytes(std::uint64_t type) {
   switch (type) {
     case std::uint64_t(Component::kByte):
@@ -32,6 +33,14 @@ constexpr std::uint32_t component_bytes(std::uint64_t type) {
 }
 constexpr std::uint32_t component_bytes(Component type) {
   return component_bytes(std::uint64_t(type));
+}
+
+/// Returns the components of a glTF element type, SCALAR or VEC; 0 for matrices and other words.
+constexpr std::uint32_t vector_components(std::string_view type) {
+  if (type == "SCALAR") return 1;
+  if (type == "VEC2") return 2;
+  if (type == "VEC3") return 3;
+  return type == "VEC4" ? 4 : 0;
 }
 
 }  // namespace kiln::gltf

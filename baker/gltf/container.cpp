@@ -8,12 +8,12 @@ namespace {
 constexpr std::size_t kHeader = 12, kChunkHeader = 8;
 constexpr std::uint32_t kJson = 0x4E4F534A, kBin = 0x004E4942;
 
-std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
-  std::uint32_t value = 0;
-  for (std::size_t i = 0; i < 4; ++i) {
-    value |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[offset + i])) << (8 * i);
-  }
-  return value;
+constexpr std::size_t padded(std::size_t bytes) {
+  return (bytes + 3) / 4 * 4;
+}
+
+void put_u32(std::string& out, std::uint64_t value) {
+  for (int i = 0; i < 4; ++i) out += static_cast<char>(value >> (8 * i) & 0xff);
 }
 
 proto::Unexpected broken(const std::string& why) {
@@ -41,6 +41,31 @@ proto::Expected<void> take_chunk(Container& out, std::uint32_t index, std::uint3
 }
 
 }  // namespace
+
+std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    value |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[offset + i])) << (8 * i);
+  }
+  return value;
+}
+
+std::uint64_t glb_bytes(std::size_t json_bytes, std::uint64_t binary_bytes) {
+  return kHeader + 2 * kChunkHeader + padded(json_bytes) + binary_bytes;
+}
+
+std::string glb_head(std::string json, std::uint64_t binary_bytes) {
+  std::string out = "glTF";
+  put_u32(out, 2);
+  put_u32(out, glb_bytes(json.size(), binary_bytes));
+  json.resize(padded(json.size()), ' ');
+  put_u32(out, json.size());
+  put_u32(out, kJson);
+  out += json;
+  put_u32(out, binary_bytes);
+  put_u32(out, kBin);
+  return out;
+}
 
 proto::Expected<Container> open_container(std::string_view bytes) {
   if (!bytes.starts_with("glTF")) return open_text(bytes);

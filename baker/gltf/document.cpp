@@ -5,11 +5,10 @@
 #include "baker/exec/stop.h"
 #include "baker/gltf/accessors.h"
 #include "baker/gltf/container.h"
-#include "baker/gltf/draco_document.h"
+#include "baker/gltf/draco.h"
 #include "baker/gltf/errors.h"
 #include "baker/gltf/extensions.h"
-#include "baker/gltf/json.h"
-#include "baker/gltf/meshopt_decoder.h"
+#include "baker/gltf/meshopt.h"
 #include "baker/gltf/model.h"
 #include "baker/gltf/tinygltf.h"
 #include "baker/gltf/uri.h"
@@ -19,7 +18,6 @@ namespace {
 
 constexpr const char* kMeshoptName = "EXT_meshopt_compression";
 
-using nlohmann::json;
 using proto::Expected;
 using proto::Unexpected;
 
@@ -33,7 +31,7 @@ std::optional<std::pair<int, int>> parse_version(const std::string& text) {
   return std::pair{major, minor};
 }
 
-proto::Expected<void> check_version(const json& asset) {
+proto::Expected<void> check_version(const Json& asset) {
   const auto version = parse_version(asset.at("version").get<std::string>());
   if (!version || version->first != 2)
     return invalid("expected glTF version 2.x", "/asset/version");
@@ -46,7 +44,7 @@ proto::Expected<void> check_version(const json& asset) {
 }
 
 /// Bytes of one buffer; nothing for one that neither has a URI nor is the .glb's own.
-Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const json& buffer,
+Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const Json& buffer,
                                                        std::size_t index,
                                                        const Container& container) {
   const std::string at = pointer_to("/buffers", index);
@@ -65,7 +63,7 @@ Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const
   return std::optional<std::string_view>(*document.decoded.back());
 }
 
-proto::Expected<void> load_buffers(Document& document, const json& buffers,
+proto::Expected<void> load_buffers(Document& document, const Json& buffers,
                                    const Container& container, const std::stop_token& stop) {
   for (std::size_t i = 0; i < buffers.size(); ++i) {
     if (stop.stop_requested()) return exec::canceled();
@@ -83,7 +81,7 @@ proto::Expected<void> load_buffers(Document& document, const json& buffers,
 }
 
 /// Decodes the views with EXT_meshopt_compression whose buffer has no plain data.
-Expected<void> unpack_views(Document& document, const json& views,
+Expected<void> unpack_views(Document& document, const Json& views,
                             const files::ImportLimits& limits, const std::stop_token& stop) {
   std::uint64_t left = limits.file_bytes;
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -92,7 +90,7 @@ Expected<void> unpack_views(Document& document, const json& views,
     if (document.buffers[views[i].at("buffer").get<std::size_t>()]) continue;
     if (stop.stop_requested()) return exec::canceled();
     const std::string at = pointer_to("/bufferViews", i) + "/extensions/" + kMeshoptName;
-    const json& from = extensions->at(kMeshoptName);
+    const Json& from = extensions->at(kMeshoptName);
     const auto& buffer = document.buffers[from.at("buffer").get<std::size_t>()];
     const auto offset = from.value("byteOffset", std::uint64_t{0}),
                length = from.at("byteLength").get<std::uint64_t>();
@@ -122,7 +120,7 @@ Expected<void> unpack_views(Document& document, const json& views,
 }
 
 /// Bytes of a view of a document that was not read into the library yet.
-std::optional<std::string_view> view_bytes(const Document& document, const json& view,
+std::optional<std::string_view> view_bytes(const Document& document, const Json& view,
                                            std::size_t index) {
   const auto& unpacked = document.unpacked_views;
   if (index < unpacked.size() && unpacked[index]) return unpacked[index];
@@ -133,16 +131,14 @@ std::optional<std::string_view> view_bytes(const Document& document, const json&
   return buffer->substr(offset, length);
 }
 
-/// Decodes the meshes that KHR_draco_mesh_compression holds; new views take what they held.
-Expected<void> unpack_meshes(Document& document, json& parsed, const files::ImportLimits& limits,
+/// Decodes the meshes that KHR_draco_mesh_compression holds; new views take their contents.
+Expected<void> unpack_meshes(Document& document, Json& parsed, const files::ImportLimits& limits,
                              const std::stop_token& stop) {
   if (!parsed.contains("bufferViews")) return {};
-  json& views = parsed["bufferViews"];
-  const auto bytes = [&](std::size_t i) -> std::optional<std::string_view> {
-    return i < views.size() ? view_bytes(document, views[i], i) : std::nullopt;
-  };
+  Json& views = parsed["bufferViews"];
+  const auto bytes = [&](std::size_t i) { return view_bytes(document, views[i], i); };
   const auto add = [&](std::string plain, std::uint32_t stride) {
-    json view = {{"buffer", 0u}, {"byteOffset", 0u}, {"byteLength", plain.size()}};
+    Json view = {{"buffer", 0u}, {"byteOffset", 0u}, {"byteLength", plain.size()}};
     if (stride > 0) view["byteStride"] = stride;
     document.decoded.push_back(std::make_unique<std::string>(std::move(plain)));
     views.push_back(std::move(view));
@@ -150,10 +146,22 @@ Expected<void> unpack_meshes(Document& document, json& parsed, const files::Impo
     document.unpacked_views.back() = *document.decoded.back();
     return views.size() - 1;
   };
-  return DracoUnpacker<json>(parsed, {bytes, add}, limits.file_bytes).run(stop);
+  return unpack_draco(parsed, {bytes, add}, limits.file_bytes, stop);
 }
 
-proto::Expected<void> check_buffer_views(const Document& document, const json& buffers) {
+/// Gives the model the views that unpack_meshes() added to the parsed document.
+void add_unpacked_views(tinygltf::Model& model, const Json& parsed) {
+  if (!parsed.contains("bufferViews")) return;
+  const Json& views = parsed.at("bufferViews");
+  for (std::size_t i = model.bufferViews.size(); i < views.size(); ++i) {
+    tinygltf::BufferView& view = model.bufferViews.emplace_back();
+    view.buffer = 0;
+    view.byteLength = views[i].at("byteLength").get<std::size_t>();
+    view.byteStride = views[i].value("byteStride", std::size_t{0});
+  }
+}
+
+proto::Expected<void> check_buffer_views(const Document& document, const Json& buffers) {
   const tinygltf::Model& model = *document.model;
   for (std::size_t i = 0; i < model.bufferViews.size(); ++i) {
     const auto& view = model.bufferViews[i];
@@ -171,31 +179,21 @@ proto::Expected<void> check_buffer_views(const Document& document, const json& b
   return {};
 }
 
-/// Takes a member out of the document; an empty array when it is absent.
-json take(json& document, const char* name) {
-  json out = json::array();
-  if (const auto member = document.find(name); member != document.end()) {
-    out = std::move(*member);
-    document.erase(member);
-  }
-  return out;
-}
-
-void read_images(Document& document, const json& images) {
-  for (const json& image : images) {
+void read_images(Document& document, const Json& images) {
+  for (const Json& image : images) {
     document.images.push_back(
         {image.value("uri", ""), image.value("mimeType", ""), image.value("bufferView", -1)});
   }
 }
 
 /// The library refuses such primitives without saying where they are.
-Expected<void> check_index_accessors(const json& document, const std::stop_token& stop) {
+Expected<void> check_index_accessors(const Json& document, const std::stop_token& stop) {
   if (!document.contains("meshes") || !document.contains("accessors")) return {};
-  const json& accessors = document.at("accessors");
+  const Json& accessors = document.at("accessors");
   exec::StopPoll stopped(stop);
-  for (const json& mesh : document.at("meshes")) {
+  for (const Json& mesh : document.at("meshes")) {
     if (stopped()) return exec::canceled();
-    for (const json& primitive : mesh.at("primitives")) {
+    for (const Json& primitive : mesh.at("primitives")) {
       if (!primitive.contains("indices")) continue;
       const auto index = primitive.at("indices").get<std::size_t>();
       if (!accessors[index].contains("bufferView")) {
@@ -207,52 +205,33 @@ Expected<void> check_index_accessors(const json& document, const std::stop_token
   return {};
 }
 
-/// The checked and pruned document, read into the library's structures.
-Expected<void> read_model(Document& document, const json& pruned) {
-  const std::string text = pruned.dump();
-  tinygltf::TinyGLTF parser;
-  std::string error, warning;
-  if (!parser.LoadASCIIFromString(document.model.get(), &error, &warning, text.data(),
-                                  static_cast<unsigned>(text.size()), "")) {
-    return invalid("not a valid glTF document: " + shortened(error, 200), "");
-  }
-  return {};
-}
-
-/// JSON text to `model`, with all that the library must not see beside it.
+/// The JSON text to `model`, with all that the library must not see beside it.
 Expected<void> read_document(Document& document, const Container& container,
-                             const files::ImportLimits& limits, const std::stop_token& stop) {
-  auto parsed = parse_gltf_json(container.json, limits.json_depth, stop);
-  if (!parsed) return Unexpected(parsed.error());
-  if (auto known = check_required_extensions(*parsed); !known) return known;
-  if (auto checked = check_gltf(*parsed, stop); !checked) return checked;
-  if (auto version = check_version(parsed->at("asset")); !version) return version;
-  if (parsed->contains("nodes") && parsed->at("nodes").size() > limits.nodes) {
+                             const files::ImportLimits& limits, Keep keep,
+                             const std::stop_token& stop) {
+  auto read = parse_gltf_json(container.json, limits.json_depth, keep, stop);
+  if (!read) return Unexpected(read.error());
+  Json& parsed = *read->document;
+  if (auto known = check_required_extensions(parsed); !known) return known;
+  if (auto checked = check_gltf(parsed, stop); !checked) return checked;
+  if (auto version = check_version(parsed.at("asset")); !version) return version;
+  if (collection(parsed, "nodes").size() > limits.nodes)
     return over_limit("too many nodes", limits.nodes, "nodes", "/nodes");
-  }
-  if (stop.stop_requested()) return exec::canceled();
-  const json buffers = take(*parsed, "buffers");
-  read_images(document, take(*parsed, "images"));
-  document.has_animations = !take(*parsed, "animations").empty();
-  take(*parsed, "skins");
-  take(*parsed, "cameras");
-  if (stop.stop_requested()) return exec::canceled();
+  const Json& buffers = collection(parsed, "buffers");
+  document.source_views = collection(parsed, "bufferViews").size();
+  read_images(document, collection(parsed, "images"));
+  document.has_animations = !collection(parsed, "animations").empty();
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
-  if (const auto views = parsed->find("bufferViews"); views != parsed->end())
-    if (auto unpacked = unpack_views(document, *views, limits, stop); !unpacked) return unpacked;
-  if (auto unpacked = unpack_meshes(document, *parsed, limits, stop); !unpacked) return unpacked;
-  if (auto usable = check_index_accessors(*parsed, stop); !usable) return usable;
-  json nodes = take(*parsed, "nodes"), meshes = take(*parsed, "meshes"),
-       accessors = take(*parsed, "accessors");
-  if (auto model = read_model(document, *parsed); !model) return model;
-  exec::StopPoll stopped(stop);
-  read_nodes(*document.model, nodes, stopped);
-  nodes.clear();  // so that no more than needed is left to be freed when a stop comes
-  read_meshes(*document.model, meshes, stopped);
-  meshes.clear();
-  read_accessors(*document.model, accessors, stopped);
-  if (stop.stop_requested()) return exec::canceled();
-  return check_buffer_views(document, buffers);
+  if (auto unpacked = unpack_views(document, collection(parsed, "bufferViews"), limits, stop);
+      !unpacked)
+    return unpacked;
+  if (auto unpacked = unpack_meshes(document, parsed, limits, stop); !unpacked) return unpacked;
+  if (auto usable = check_index_accessors(parsed, stop); !usable) return usable;
+  if (auto model = read_model(*document.model, *read, stop); !model) return model;
+  add_unpacked_views(*document.model, parsed);
+  if (auto checked = check_buffer_views(document, buffers); !checked) return checked;
+  if (keep == Keep::kEverything) document.json = std::move(read->document);
+  return {};
 }
 
 }  // namespace
@@ -298,7 +277,8 @@ Document::Document(Document&&) noexcept = default;
 Document::~Document() = default;
 
 proto::Expected<Document> open_document(const files::SceneFiles& files,
-                                        const files::ImportLimits& limits, std::stop_token stop) {
+                                        const files::ImportLimits& limits, std::stop_token stop,
+                                        Keep keep) {
   Document document(files, limits);
   const auto bytes = document.files.main_file();
   if (!bytes) return Unexpected(bytes.error());
@@ -307,7 +287,7 @@ proto::Expected<Document> open_document(const files::SceneFiles& files,
   if (container->json.size() > limits.json_bytes) {
     return over_limit("the JSON is too long", limits.json_bytes, "scene_json_bytes", "");
   }
-  if (auto read = read_document(document, *container, limits, stop); !read) {
+  if (auto read = read_document(document, *container, limits, keep, stop); !read) {
     return Unexpected(read.error());
   }
   if (auto checked = check_accessors(document, stop); !checked) return Unexpected(checked.error());
@@ -324,6 +304,23 @@ proto::Expected<std::string_view> buffer_view_bytes(const Document& document, in
   const auto& buffer = document.buffers[static_cast<std::size_t>(v.buffer)];
   if (!buffer) return invalid("its buffer has no data", pointer);
   return buffer->substr(v.byteOffset, v.byteLength);
+}
+
+std::vector<std::string> named_side_files(std::string_view bytes,
+                                          const files::ImportLimits& limits) {
+  const auto container = open_container(bytes);
+  if (!container || container->json.size() > limits.json_bytes) return {};
+  const auto read = parse_gltf_json(container->json, limits.json_depth, Keep::kWhatABakeReads, {});
+  if (!read) return {};
+  std::vector<std::string> names;
+  for (const char* list : {"buffers", "images"}) {
+    for (const Json& item : collection(*read->document, list)) {
+      if (!item.is_object() || !item.contains("uri") || !item["uri"].is_string()) continue;
+      auto name = relative_file_name(item["uri"].get_ref<const std::string&>(), "");
+      if (name) names.push_back(std::move(*name));
+    }
+  }
+  return names;
 }
 
 }  // namespace kiln::gltf

@@ -59,7 +59,7 @@ const Known* find_known(std::string_view name) {
 
 }  // namespace
 
-proto::Expected<void> check_required_extensions(const nlohmann::json& document) {
+proto::Expected<void> check_required_extensions(const Json& document) {
   const auto required = document.find("extensionsRequired");
   if (required == document.end() || !required->is_array()) return {};  // the schema check's affair
   for (std::size_t i = 0; i < required->size(); ++i) {

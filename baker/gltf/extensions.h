@@ -1,7 +1,5 @@
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
-
 #include "baker/gltf/document.h"
 #include "proto/expected.h"
 
@@ -9,7 +7,7 @@ namespace kiln::gltf {
 
 /// Refuses a document that requires what this importer can't read or may not leave out.
 /// Errors: `unsupported_extension`, pointer /extensionsRequired/i.
-proto::Expected<void> check_required_extensions(const nlohmann::json& document);
+proto::Expected<void> check_required_extensions(const Json& document);
 
 /// One warning for each extension in use that a bake leaves out.
 void warn_of_extensions(Document&);

@@ -6,10 +6,11 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "baker/gltf/container.h"
+#include "baker/gltf/json.h"
+
 namespace kiln::gltf {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 static_assert(std::endian::native == std::endian::little, "glTF buffers are little-endian");
 
@@ -59,7 +60,8 @@ class Writer {
     write_images();
     json_["buffers"] = Json::array({Json{{"byteLength", bin_.size()}}});
     if (!extensions_.empty()) json_["extensionsUsed"] = extensions_;
-    return container();
+    bin_.resize((bin_.size() + 3) / 4 * 4, '\0');
+    return glb_head(json_.dump(), bin_.size()) + bin_;
   }
 
  private:
@@ -191,27 +193,6 @@ class Writer {
     if (!doc_.images.empty())
       json_["samplers"] = Json::array(
           {Json{{"magFilter", 9729}, {"minFilter", 9987}, {"wrapS", 10497}, {"wrapT", 10497}}});
-  }
-
-  /// GLB container, version 2: header, JSON chunk, binary chunk [glTF 2.0, 4.4].
-  std::string container() {
-    std::string text = json_.dump();
-    text.resize((text.size() + 3) / 4 * 4, ' ');
-    bin_.resize((bin_.size() + 3) / 4 * 4, '\0');
-    std::string out = "glTF";
-    const auto put = [&](std::size_t v) {
-      const auto word = static_cast<std::uint32_t>(v);
-      for (int k = 0; k < 4; ++k) out.push_back(static_cast<char>(word >> (8 * k) & 0xff));
-    };
-    put(2);
-    put(12 + 8 + text.size() + 8 + bin_.size());
-    put(text.size());
-    out += "JSON";
-    out += text;
-    put(bin_.size());
-    out += std::string_view("BIN\0", 4);
-    out += bin_;
-    return out;
   }
 
   const GlbDocument& doc_;

@@ -7,20 +7,19 @@
 #include <vector>
 
 #include "baker/exec/stop.h"
+#include "baker/gltf/errors.h"
 #include "baker/gltf/tinygltf.h"
 
 namespace kiln::gltf {
 namespace {
 
-using nlohmann::json;
-
 template <class T>
-std::vector<T> list_of(const json& object, const char* name) {
+std::vector<T> list_of(const Json& object, const char* name) {
   const auto found = object.find(name);
   return found == object.end() ? std::vector<T>() : found->get<std::vector<T>>();
 }
 
-std::map<std::string, int> indices_of(const json& object) {
+std::map<std::string, int> indices_of(const Json& object) {
   return object.get<std::map<std::string, int>>();
 }
 
@@ -33,21 +32,21 @@ int type_of(const std::string& name) {
   return name == "MAT3" ? TINYGLTF_TYPE_MAT3 : TINYGLTF_TYPE_MAT4;
 }
 
-tinygltf::Primitive primitive_of(const json& from) {
+tinygltf::Primitive primitive_of(const Json& from) {
   tinygltf::Primitive out;
   out.attributes = indices_of(from.at("attributes"));
   out.indices = from.value("indices", -1);
   out.material = from.value("material", -1);
   out.mode = from.value("mode", TINYGLTF_MODE_TRIANGLES);
   if (const auto targets = from.find("targets"); targets != from.end()) {
-    for (const json& target : *targets) out.targets.push_back(indices_of(target));
+    for (const Json& target : *targets) out.targets.push_back(indices_of(target));
   }
   return out;
 }
 
-void read_sparse(decltype(tinygltf::Accessor::sparse)& out, const json& from) {
-  const json& indices = from.at("indices");
-  const json& values = from.at("values");
+void read_sparse(decltype(tinygltf::Accessor::sparse)& out, const Json& from) {
+  const Json& indices = from.at("indices");
+  const Json& values = from.at("values");
   out.isSparse = true;
   out.count = from.at("count").get<int>();
   out.indices.bufferView = indices.at("bufferView").get<int>();
@@ -57,12 +56,11 @@ void read_sparse(decltype(tinygltf::Accessor::sparse)& out, const json& from) {
   out.values.byteOffset = values.value("byteOffset", 0);
 }
 
-}  // namespace
-
-void read_nodes(tinygltf::Model& model, const json& nodes, exec::StopPoll& stopped) {
+void read_nodes(tinygltf::Model& model, const Json& document, exec::StopPoll& stopped) {
+  const Json& nodes = collection(document, "nodes");
   model.nodes.resize(nodes.size());
   for (std::size_t i = 0; i < nodes.size() && !stopped(); ++i) {
-    const json& from = nodes[i];
+    const Json& from = nodes[i];
     tinygltf::Node& node = model.nodes[i];
     node.name = from.value("name", "");
     node.mesh = from.value("mesh", -1);
@@ -80,20 +78,22 @@ void read_nodes(tinygltf::Model& model, const json& nodes, exec::StopPoll& stopp
   }
 }
 
-void read_meshes(tinygltf::Model& model, const json& meshes, exec::StopPoll& stopped) {
+void read_meshes(tinygltf::Model& model, const Json& document, exec::StopPoll& stopped) {
+  const Json& meshes = collection(document, "meshes");
   model.meshes.resize(meshes.size());
   for (std::size_t i = 0; i < meshes.size() && !stopped(); ++i) {
     model.meshes[i].name = meshes[i].value("name", "");
-    for (const json& primitive : meshes[i].at("primitives")) {
+    for (const Json& primitive : meshes[i].at("primitives")) {
       model.meshes[i].primitives.push_back(primitive_of(primitive));
     }
   }
 }
 
-void read_accessors(tinygltf::Model& model, const json& accessors, exec::StopPoll& stopped) {
+void read_accessors(tinygltf::Model& model, const Json& document, exec::StopPoll& stopped) {
+  const Json& accessors = collection(document, "accessors");
   model.accessors.resize(accessors.size());
   for (std::size_t i = 0; i < accessors.size() && !stopped(); ++i) {
-    const json& from = accessors[i];
+    const Json& from = accessors[i];
     tinygltf::Accessor& out = model.accessors[i];
     out.bufferView = from.value("bufferView", -1);
     out.byteOffset = from.value("byteOffset", std::size_t(0));
@@ -107,6 +107,24 @@ void read_accessors(tinygltf::Model& model, const json& accessors, exec::StopPol
       read_sparse(out.sparse, *sparse);
     }
   }
+}
+
+}  // namespace
+
+proto::Expected<void> read_model(tinygltf::Model& model, const ParsedText& parsed,
+                                 const std::stop_token& stop) {
+  const std::string& text = parsed.library_text;
+  tinygltf::TinyGLTF parser;
+  std::string error, warning;
+  if (!parser.LoadASCIIFromString(&model, &error, &warning, text.data(),
+                                  static_cast<unsigned>(text.size()), ""))
+    return invalid("not a valid glTF document: " + shortened(error, 200), "");
+  exec::StopPoll stopped(stop);
+  read_nodes(model, *parsed.document, stopped);
+  read_meshes(model, *parsed.document, stopped);
+  read_accessors(model, *parsed.document, stopped);
+  if (stop.stop_requested()) return exec::canceled();
+  return {};
 }
 
 }  // namespace kiln::gltf

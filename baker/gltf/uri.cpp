@@ -1,12 +1,10 @@
 #include "baker/gltf/uri.h"
 
 #include <algorithm>
-#include <array>
-#include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "baker/gltf/json.h"
+#include "proto/text_codes.h"
 
 namespace kiln::gltf {
 namespace {
@@ -21,72 +19,12 @@ std::string to_lower(std::string_view s) {
   return out;
 }
 
-int hex_digit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  c = lower(c);
-  return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
-}
-
-/// Nothing when a '%' is not followed by two hexadecimal digits.
-std::optional<std::string> percent_decode(std::string_view s) {
-  std::string out;
-  out.reserve(s.size());
-  for (std::size_t i = 0; i < s.size(); ++i) {
-    if (s[i] != '%') {
-      out += s[i];
-      continue;
-    }
-    if (i + 2 >= s.size()) return std::nullopt;
-    const int high = hex_digit(s[i + 1]), low = hex_digit(s[i + 2]);
-    if (high < 0 || low < 0) return std::nullopt;
-    out += static_cast<char>(high * 16 + low);
-    i += 2;
-  }
-  return out;
-}
-
-constexpr std::uint8_t kNotBase64 = 0xff;
-
-constexpr std::array<std::uint8_t, 256> make_base64_table() {
-  std::array<std::uint8_t, 256> table{};
-  table.fill(kNotBase64);
-  constexpr std::string_view alphabet =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  for (std::size_t i = 0; i < alphabet.size(); ++i) {
-    table[static_cast<unsigned char>(alphabet[i])] = static_cast<std::uint8_t>(i);
-  }
-  table[static_cast<unsigned char>('-')] = 62;  // the URL-safe alphabet, which some writers use
-  table[static_cast<unsigned char>('_')] = 63;
-  return table;
-}
-constexpr auto kBase64 = make_base64_table();
-
-/// Nothing for letters outside the alphabet, wrong padding or an impossible length.
-std::optional<std::string> base64_decode(std::string_view s) {
-  for (int i = 0; i < 2 && !s.empty() && s.back() == '='; ++i) s.remove_suffix(1);
-  if (s.size() % 4 == 1) return std::nullopt;
-  std::string out;
-  out.reserve(s.size() / 4 * 3 + 2);
-  std::uint32_t bits = 0;
-  int have = 0;
-  for (const char c : s) {
-    const std::uint32_t value = kBase64[static_cast<unsigned char>(c)];
-    if (value == kNotBase64) return std::nullopt;
-    bits = (bits << 6 | value) & 0xffffffu;
-    have += 6;
-    if (have < 8) continue;
-    have -= 8;
-    out += static_cast<char>(bits >> have & 0xffu);
-  }
-  return out;
-}
-
 std::string_view last_component(std::string_view path) {
   const auto slash = path.find_last_of("/\\");
   return slash == std::string_view::npos ? path : path.substr(slash + 1);
 }
 
-/// Why the decoded URI may not be followed; "" when it may.
+/// Says why the decoded URI may not be followed; "" when it may.
 std::string refusal(std::string_view name) {
   if (name.empty()) return "is empty";
   for (const char c : name) {
@@ -129,15 +67,15 @@ proto::Expected<DataUri> decode_data_uri(std::string_view uri, const std::string
   DataUri out;
   out.mime_type = header.substr(0, header.find(';'));
   const bool base64 = header.ends_with(";base64");
-  auto bytes =
-      base64 ? base64_decode(uri.substr(comma + 1)) : percent_decode(uri.substr(comma + 1));
+  auto bytes = base64 ? proto::base64_decode(uri.substr(comma + 1))
+                      : proto::percent_decode(uri.substr(comma + 1));
   if (!bytes) return fail(base64 ? "is not valid base64" : "has a broken percent escape");
   out.bytes = std::move(*bytes);
   return out;
 }
 
 proto::Expected<std::string> relative_file_name(std::string_view uri, const std::string& pointer) {
-  auto name = percent_decode(uri);
+  auto name = proto::percent_decode(uri);
   std::string why = name ? refusal(*name) : "has a broken percent escape";
   if (!why.empty()) {
     return proto::fail("invalid_scene",

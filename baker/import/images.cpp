@@ -1,13 +1,11 @@
 #include "baker/import/images.h"
 
-#include <algorithm>
-#include <iterator>
 #include <set>
 
 #include "baker/gltf/errors.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/uri.h"
-#include "baker/image/image_decoder.h"
+#include "baker/image/image.h"
 
 namespace kiln::import {
 namespace {
@@ -50,21 +48,11 @@ std::set<std::int32_t> used_images(const std::vector<scene::Material>& materials
   return used;
 }
 
-/// A format by its first bytes.
-struct Format {
-  bool (*is)(std::string_view);
-  std::optional<image::ImageSize> (*size)(std::string_view);
-  proto::Expected<std::string> (*decode)(std::string_view, image::ImageSize, image::ImageTexels,
-                                         const std::stop_token&);
-};
-constexpr Format kFormats[] = {{image::is_png, image::png_size, image::decode_png},
-                               {image::is_jpeg, image::jpeg_size, image::decode_jpeg},
-                               {image::is_webp, image::webp_size, image::decode_webp}};
-
-const Format* format_of(std::string_view bytes) {
-  const auto* found = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                   [&](const Format& f) { return f.is(bytes); });
-  return found == std::end(kFormats) ? nullptr : found;
+/// Textures are of these; others are for skies.
+bool is_texture(std::string_view bytes) {
+  const auto format = image::format_of(bytes);
+  return format == image::Format::kPng || format == image::Format::kJpeg ||
+         format == image::Format::kWebp;
 }
 
 class Decoder {
@@ -78,28 +66,29 @@ class Decoder {
         pixels_left_(limits.all_image_pixels) {}
 
   /// Appends one image to the scene.
-  proto::Expected<void> decode(const Format& format, std::string_view bytes, std::int32_t image) {
-    const auto size = format.size(bytes);
-    if (!size) return broken("the image's header can't be read", image);
+  Expected<void> decode(std::string_view bytes, std::int32_t image) {
+    const auto header = image::read_header(bytes);
+    if (!header) return broken("the image's header can't be read", image);
     // First, because the library may take memory for the whole image when it opens it.
-    if (auto fits = check_size(*size, image); !fits) return fits;
+    const image::Size size = header->size;
+    if (auto fits = check_size(size, image); !fits) return fits;
     const std::size_t first = scene_.image_texels.size();
-    scene_.image_texels.resize(first + std::size_t(size->width) * size->height);
-    const image::ImageTexels texels = image::ImageTexels(scene_.image_texels).subspan(first);
-    const auto damage = format.decode(bytes, *size, texels, stop_);
-    if (!damage && damage.error().code == proto::kCanceledCode) return Unexpected(damage.error());
+    scene_.image_texels.resize(first + std::size_t(size.width) * size.height);
+    const image::Texels texels = image::Texels(scene_.image_texels).subspan(first);
+    const auto damage = image::decode_rgba8(*header, texels, stop_);
+    if (!damage && damage.error().code != "invalid_image") return Unexpected(damage.error());
     if (!damage)
       return broken("the image can't be decoded: " + gltf::shortened(damage.error().message, 200),
                     image);
     if (!damage->empty())
       document_.warnings.add("image_damaged", image_pointer(image),
                              "the image is damaged, a part of it is guessed: " + *damage);
-    scene_.images.push_back({size->width, size->height, first});
+    scene_.images.push_back({size.width, size.height, first});
     return {};
   }
 
  private:
-  proto::Expected<void> check_size(image::ImageSize size, std::int32_t image) {
+  Expected<void> check_size(image::Size size, std::int32_t image) {
     if (size.width == 0 || size.height == 0) return broken("the image is empty", image);
     const std::uint64_t pixels = std::uint64_t(size.width) * size.height;
     const std::string what = "an image of " + std::to_string(size.width) + " x " +
@@ -129,13 +118,12 @@ proto::Expected<void> load_images(gltf::Document& document, scene::Scene& scene,
   for (const std::int32_t image : used_images(scene.materials)) {
     const auto bytes = image_bytes(document, image);
     if (!bytes) return Unexpected(bytes.error());
-    const Format* format = format_of(*bytes);
-    if (!format) {
+    if (!is_texture(*bytes)) {
       document.warnings.add("image_ignored", image_pointer(image),
                             "the image is neither PNG, JPEG nor WebP: the factor alone is used");
       continue;
     }
-    if (auto decoded = decoder.decode(*format, *bytes, image); !decoded) return decoded;
+    if (auto decoded = decoder.decode(*bytes, image); !decoded) return decoded;
     place[static_cast<std::size_t>(image)] = static_cast<std::int32_t>(scene.images.size()) - 1;
   }
   const auto rename = [&](scene::Texture& texture) {

@@ -6,7 +6,7 @@
 #include "baker/exec/stop.h"
 #include "baker/gltf/errors.h"
 #include "baker/gltf/json.h"
-#include "baker/image/sky_decoder.h"
+#include "baker/image/image.h"
 
 namespace kiln::import {
 namespace {
@@ -22,8 +22,7 @@ Unexpected fail(const char* code, const std::string& why) {
 Unexpected broken(const std::string& why) {
   return fail("invalid_image", "the sky map can't be used: " + gltf::shortened(why, 200));
 }
-Unexpected too_large(image::ImageSize size, const char* beside, const char* name,
-                     std::uint64_t limit) {
+Unexpected too_large(image::Size size, const char* beside, const char* name, std::uint64_t limit) {
   return fail("limit_exceeded", "a sky map of " + std::to_string(size.width) + " x " +
                                     std::to_string(size.height) + " pixels is too large" + beside +
                                     ": the limit `" + name + "` of this service is " +
@@ -31,9 +30,7 @@ Unexpected too_large(image::ImageSize size, const char* beside, const char* name
 }
 
 struct Opened {
-  std::string_view bytes;
-  bool exr = false;
-  image::ImageSize size{};
+  image::Header header;
   std::optional<image::ColorConversion> to_rec709{};  ///< none: its numbers are that
 };
 
@@ -41,21 +38,24 @@ proto::Expected<Opened> open(gltf::Document& document, const std::string& name,
                              const files::ImportLimits& limits) {
   const auto bytes = document.files.named_file(name, "settings", kPointer);
   if (!bytes) return Unexpected(bytes.error());
-  Opened file{*bytes, image::is_exr(*bytes)};
-  if (!file.exr && !image::is_hdr(*bytes)) return broken("it is neither OpenEXR nor Radiance HDR");
-  const auto header = file.exr ? image::exr_header(*bytes) : image::hdr_header(*bytes);
+  const auto format = image::format_of(*bytes);
+  if (format != image::Format::kExr && format != image::Format::kHdr &&
+      format != image::Format::kTiff)
+    return broken("it is neither OpenEXR nor Radiance HDR nor TIFF");
+  auto header = image::read_header(*bytes);
   if (!header) return broken(header.error().message);
-  const image::ImageSize size = file.size = header->size;
+  if (!header->odd.empty()) return broken(header->odd);
+  const image::Size size = header->size;
   if (std::uint64_t(size.width) * size.height > limits.image_pixels)
     return too_large(size, "", "image_pixels", limits.image_pixels);
   if (size.height == 0 || std::uint64_t(size.width) != 2 * std::uint64_t(size.height))
     return broken("it has " + std::to_string(size.width) + " x " + std::to_string(size.height) +
                   " pixels; an equirectangular picture is twice as wide as high");
-  const auto long_enough =
-      file.exr ? image::check_exr_length(*bytes) : image::check_hdr_length(*bytes);
-  if (!long_enough) return broken(long_enough.error().message);
-  if (header->primaries && !header->primaries->is_rec709()) {
-    file.to_rec709 = image::ColorConversion::from(*header->primaries);
+  if (!header->flaw.empty()) return broken(header->flaw);
+  Opened file{std::move(*header)};
+  const auto& primaries = file.header.primaries;
+  if (primaries && !primaries->is_rec709()) {
+    file.to_rec709 = image::ColorConversion::from(*primaries);
     if (!file.to_rec709) return broken("no mixture of the primaries that it names is its white");
   }
   return file;
@@ -106,19 +106,18 @@ proto::Expected<void> check_sky_map(gltf::Document& document, const std::string&
 proto::Expected<void> load_sky_map(gltf::Document& document, scene::Scene& scene,
                                    const std::string& name, const files::ImportLimits& limits,
                                    const std::stop_token& stop) {
-  const auto file = open(document, name, limits);
+  auto file = open(document, name, limits);
   if (!file) return Unexpected(file.error());
-  const std::uint64_t pixels = std::uint64_t(file->size.width) * file->size.height;
+  const image::Size size = file->header.size;
+  const std::uint64_t pixels = std::uint64_t(size.width) * size.height;
   if (pixels + scene.image_texels.size() > limits.all_image_pixels)
-    return too_large(file->size, " beside the textures", "all_image_pixels",
-                     limits.all_image_pixels);
+    return too_large(size, " beside the textures", "all_image_pixels", limits.all_image_pixels);
   scene::SkyMap& map = scene.sky_map;
-  map.width = file->size.width;
-  map.height = file->size.height;
+  map.width = size.width;
+  map.height = size.height;
   if (!exec::grow_unless_stopped(map.texels, pixels, stop)) return exec::canceled();
-  const auto decoded = (file->exr ? image::decode_exr : image::decode_hdr)(file->bytes, file->size,
-                                                                           map.texels, stop);
-  if (!decoded && decoded.error().code == proto::kCanceledCode) return decoded;
+  const auto decoded = image::decode_rgb(file->header, map.texels, {}, stop);
+  if (!decoded && decoded.error().code != "invalid_image") return decoded;
   if (!decoded) return broken(decoded.error().message);
   return finish_values(map, file->to_rec709, document.warnings, stop);
 }

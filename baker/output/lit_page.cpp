@@ -1,6 +1,6 @@
 #include "baker/output/lit_page.h"
 
-#include "baker/image/page_image.h"
+#include "baker/image/image.h"
 
 namespace kiln::output {
 namespace {
@@ -34,7 +34,7 @@ proto::Expected<LitPage> encode_lit_page(const image::PageImage& image) {
       }
     }
   }
-  auto png = image::encode_png_bytes(samples, image.width, image.height, 3);
+  auto png = image::encode_png(samples, image.width, image.height, 3);
   if (!png) return proto::Unexpected(png.error());
   page.png = std::move(*png);
   return page;

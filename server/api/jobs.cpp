@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "proto/json.h"
-#include "proto/uri_escape.h"
+#include "proto/text_codes.h"
 #include "server/api/request.h"
 #include "server/base/ids.h"
 #include "server/http/conditional.h"

@@ -56,7 +56,9 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   if (!side) return proto::Unexpected(std::move(side.error()));
   input.files = {flags.scene.path, std::move(*side), input.settings.sky.map};
   // By the service's path, but for its limits: who bakes here has chosen the scene and the machine.
-  input.source = sandbox::Importer({}).open(input.files, input.scene_key, {});
+  sandbox::Importer::Options importing;
+  importing.process.zygote = std::make_shared<sandbox::Zygote>(sandbox::Zygote::Options{});
+  input.source = sandbox::Importer(importing).open(input.files, input.scene_key, {});
   std::filesystem::create_directories(flags.out, error);
   if (error)
     return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());

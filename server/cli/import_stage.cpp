@@ -2,16 +2,25 @@
 
 #include "server/cli/commands.h"
 #include "server/sandbox/child.h"
+#include "server/sandbox/zygote.h"
 
 namespace kiln::cli {
 
 void add_import_stage(CLI::App& app, Run& run) {
-  auto parent = std::make_shared<int>(0);
-  auto* command = app.add_subcommand("import-stage", "");
-  command->group("");  // not for people: kept out of the help
-  command->add_option("PID", *parent)->required();
-  command->callback(
-      [parent, &run] { run = [parent]() -> int { sandbox::run_import_stage(*parent); }; });
+  const auto add = [&](const char* name, void (*process)(int parent)) {
+    auto parent = std::make_shared<int>(0);
+    auto* command = app.add_subcommand(name, "");
+    command->group("");  // not for people: kept out of the help
+    command->add_option("PID", *parent)->required();
+    command->callback([parent, process, &run] {
+      run = [parent, process]() -> int {
+        process(*parent);
+        return 1;  // it does not return
+      };
+    });
+  };
+  add("import-stage", sandbox::run_import_stage);
+  add("import-zygote", sandbox::run_import_zygote);
 }
 
 }  // namespace kiln::cli

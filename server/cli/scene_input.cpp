@@ -20,7 +20,7 @@ void SceneInput::add_flags(CLI::App& command) {
   command
       .add_option(
           "--sky", sky,
-          "A sky by direction, equirectangular OpenEXR or Radiance HDR: the setting sky.map "
+          "A sky by direction, equirectangular OpenEXR, Radiance HDR or TIFF: the setting sky.map "
           "and its file")
       ->type_name("FILE");
 }

@@ -4,7 +4,7 @@
 #include <array>
 #include <charconv>
 
-#include "proto/base64.h"
+#include "proto/text_codes.h"
 
 namespace kiln::http {
 namespace {

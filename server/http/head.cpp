@@ -4,7 +4,7 @@
 #include <array>
 #include <charconv>
 
-#include "proto/uri_escape.h"
+#include "proto/text_codes.h"
 
 namespace kiln::http {
 namespace {
@@ -195,9 +195,7 @@ std::string_view trim_blanks(std::string_view text) {
 }
 
 std::optional<std::string> decode_component(std::string_view text, bool plus_is_space) {
-  std::string raw(text);
-  if (plus_is_space) std::replace(raw.begin(), raw.end(), '+', ' ');
-  auto out = proto::percent_decode(raw);
+  auto out = proto::percent_decode(text, plus_is_space);
   if (out && std::any_of(out->begin(), out->end(), is_control)) return std::nullopt;
   return out;
 }

@@ -119,7 +119,8 @@ proto::Expected<void> write_lit(const ImportRequest& request, const files::Scene
   if (!scene) return Unexpected(scene.error());
   const auto lit = output::read_lit_request(input.request.bytes(), *scene);
   if (!lit) return Unexpected(lit.error());
-  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->pages);
+  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->pages,
+                                    request.limits);
 }
 
 proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
@@ -148,7 +149,24 @@ proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
   return {};
 }
 
-proto::Expected<void> guarded_work(const ImportRequest& request, ImportAnswer& answer) {
+/// What this process says when it has no memory left to say it with.
+const std::string& last_words() {
+  static const std::string words = [] {
+    ImportAnswer answer;
+    answer.error = proto::Error{"import_out_of_memory", "", {}};
+    return answer_text(answer);
+  }();
+  return words;
+}
+
+/// Called when `new` gets no memory. Not every library lets an error of that fly.
+void end_for_want_of_memory() {
+  const std::string& words = last_words();
+  const bool done = ::write(STDOUT_FILENO, words.data(), words.size()) == ssize_t(words.size());
+  end(done ? 0 : 1);
+}
+
+Expected<void> guarded_work(const ImportRequest& request, ImportAnswer& answer) {
   try {
     return work(request, answer);
   } catch (const std::bad_alloc&) {
@@ -166,6 +184,8 @@ void run_import_stage(int parent) {
   tie_to(parent);
   const ImportRequest request = read_request();
   close_others(request);
+  (void)last_words();
+  std::set_new_handler(end_for_want_of_memory);
   ImportAnswer answer;
   auto done = guarded_work(request, answer);
   if (!done) answer.error = std::move(done.error());

@@ -1,6 +1,7 @@
 #include "server/sandbox/confine.h"
 
 #include <fcntl.h>
+#include <sched.h>
 #include <seccomp.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -8,6 +9,8 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
+#include <cstdio>
 #include <memory>
 #include <system_error>
 
@@ -34,17 +37,24 @@ bool limit(int resource, std::uint64_t value) {
   return ::setrlimit(static_cast<__rlimit_resource>(resource), &both) == 0;
 }
 
-/// Bytes of this process's address space that are in use: what is mapped already, the upload too.
-std::uint64_t mapped_bytes() {
+/// Bytes of this process's address space that are in use: the libraries and the upload, too.
+struct InUse {
+  std::uint64_t all = 0, data = 0;  ///< `data`: what may be written and is no file
+};
+InUse bytes_in_use() {
   const proto::Fd file(::open("/proc/self/statm", O_RDONLY | O_CLOEXEC));
-  char text[64] = {};
-  if (!file.valid() || ::read(file.get(), text, sizeof text - 1) <= 0) return 0;
-  return std::strtoull(text, nullptr, 10) * std::uint64_t(::sysconf(_SC_PAGESIZE));
+  char text[128] = {};
+  if (!file.valid() || ::read(file.get(), text, sizeof text - 1) <= 0) return {};
+  unsigned long long all = 0, data = 0;
+  if (std::sscanf(text, "%llu %*u %*u %*u %*u %llu", &all, &data) != 2) return {};
+  const auto page = std::uint64_t(::sysconf(_SC_PAGESIZE));
+  return {all * page, data * page};
 }
 
 bool limit_memory(std::uint64_t bytes) {
   if (bytes == 0 || kSanitized) return false;
-  return limit(RLIMIT_DATA, bytes) && limit(RLIMIT_AS, mapped_bytes() + bytes + kProgramBytes);
+  const InUse now = bytes_in_use();
+  return limit(RLIMIT_DATA, now.data + bytes) && limit(RLIMIT_AS, now.all + bytes + kProgramBytes);
 }
 
 /// Where memory runs short the kernel is to end this process, not the service.
@@ -67,8 +77,25 @@ constexpr int kCalls[] = {
     SCMP_SYS(sysinfo),        SCMP_SYS(sched_yield),  SCMP_SYS(getrusage),
     SCMP_SYS(restart_syscall)};
 
+// What a zygote calls beside those, to fork import processes, and these before they are confined.
+constexpr int kZygoteCalls[] = {SCMP_SYS(sendto),    SCMP_SYS(recvmsg),   SCMP_SYS(dup2),
+                                SCMP_SYS(fcntl),     SCMP_SYS(setpgid),   SCMP_SYS(close_range),
+                                SCMP_SYS(getppid),   SCMP_SYS(prctl),     SCMP_SYS(openat),
+                                SCMP_SYS(prlimit64), SCMP_SYS(setrlimit), SCMP_SYS(seccomp)};
+
+enum class For { kImport, kZygote };
+
 /// 0, or minus an errno.
-int allow(scmp_filter_ctx filter) {
+int allow(scmp_filter_ctx filter, For whom) {
+  if (whom == For::kZygote) {
+    for (const int call : kZygoteCalls)
+      if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0)
+        return error;
+    if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(clone), 1,
+                                             SCMP_A0(SCMP_CMP_EQ, CLONE_PARENT | SIGCHLD));
+        error != 0)
+      return error;
+  }
   for (const int call : kCalls)
     if (const int error = ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0)
       return error;
@@ -86,12 +113,14 @@ int allow(scmp_filter_ctx filter) {
                                            SCMP_A3(SCMP_CMP_EQ, AT_EMPTY_PATH));
       error != 0)
     return error;
+  if (whom == For::kZygote)  // children abort, too, each held by its own filter
+    return ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 0);
   return ::seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1,
                             SCMP_A0(SCMP_CMP_EQ, static_cast<scmp_datum_t>(::getpid())));
 }
 
 /// Why there is no filter; "" when there is.
-std::string filter_calls() {
+std::string filter_calls(For whom) {
   const auto why = [](int error) { return std::system_category().message(-error); };
   const std::unique_ptr<void, decltype(&::seccomp_release)> filter(
       ::seccomp_init(SCMP_ACT_ERRNO(EPERM)), &::seccomp_release);
@@ -99,12 +128,19 @@ std::string filter_calls() {
   // A sanitizer's own thread is held as well.
   if (const int error = ::seccomp_attr_set(filter.get(), SCMP_FLTATR_CTL_TSYNC, 1); error != 0)
     return why(error);
-  if (const int error = allow(filter.get()); error != 0) return why(error);
+  if (const int error = allow(filter.get(), whom); error != 0) return why(error);
   const int error = ::seccomp_load(filter.get());
   return error == 0 ? "" : why(error);
 }
 
 }  // namespace
+
+void confine_zygote() {
+  limit(RLIMIT_CORE, 0);
+  ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+  // Where there are no filters the import processes say so.
+  (void)filter_calls(For::kZygote);
+}
 
 Confinement confine(std::uint64_t memory_bytes, std::uint32_t seconds, std::uint64_t file_bytes) {
   Confinement done;
@@ -116,7 +152,7 @@ Confinement confine(std::uint64_t memory_bytes, std::uint32_t seconds, std::uint
   if (seconds > 0) limit(RLIMIT_CPU, seconds);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   limit(RLIMIT_NOFILE, kNewDescriptors);
-  done.no_seccomp = filter_calls();
+  done.no_seccomp = filter_calls(For::kImport);
   return done;
 }
 

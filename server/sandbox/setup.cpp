@@ -37,6 +37,10 @@ proto::Expected<std::shared_ptr<const Importer>> make_importer(
                            next = std::make_shared<std::atomic<std::uint64_t>>(0)] {
     return folder / ("import-" + std::to_string(++*next));
   };
+  options.process.zygote =
+      std::make_shared<Zygote>(Zygote::Options{.failed = [](const std::string& reason) {
+        base::log_line(base::LogLevel::kWarn, "import.zygote_ended", {{"reason", reason}});
+      }});
   auto importer = std::make_shared<const Importer>(std::move(options));
   const auto confined = importer->probe();
   if (!confined) return proto::Unexpected(confined.error());

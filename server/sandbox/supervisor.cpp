@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <spawn.h>
 #include <sys/eventfd.h>
 #include <sys/mman.h>
 #include <sys/wait.h>
@@ -18,7 +17,8 @@
 #include <thread>
 #include <vector>
 
-extern char** environ;
+#include "baker/exec/stop.h"
+#include "server/sandbox/spawn.h"
 
 namespace kiln::sandbox {
 namespace {
@@ -27,10 +27,12 @@ using proto::Expected;
 using proto::Fd;
 using proto::Unexpected;
 using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
 
 /// Of the words of a process on its standard error, so much is kept.
 constexpr std::size_t kMaxSaid = 2048;
 constexpr int kFirstFile = STDERR_FILENO + 1;
+constexpr std::chrono::milliseconds kZygotePatience{60'000};
 
 Unexpected cannot(const char* what, int error) {
   return proto::fail("io_error", std::string("The import process can't be started: ") + what +
@@ -104,68 +106,25 @@ struct Pipe {
   }
 };
 
-/// Of the environment only what the loader and sanitizers read: it may hold secrets.
-std::vector<char*> plain_environment() {
-  std::vector<char*> kept;
-  for (char** entry = environ; *entry != nullptr; ++entry)
-    for (const char* name :
-         {"LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=", "TSAN_OPTIONS="})
-      if (std::strncmp(*entry, name, std::strlen(name)) == 0) kept.push_back(*entry);
-  kept.push_back(nullptr);
-  return kept;
+/// Starts the process: as a copy of the zygote, or as a program of its own for work that needs no
+/// image module while there is no zygote.
+Expected<pid_t> start(const ImportProcessOptions& options, ImportWork work, std::vector<int> files,
+                      const std::stop_token& stop) {
+  if (options.zygote) {
+    const bool is_import = work == ImportWork::kImport;
+    if (const auto pid = options.zygote->fork(files, is_import ? kZygotePatience : 0ms, stop))
+      return *pid;
+    if (stop.stop_requested()) return exec::canceled();
+    if (is_import) return cannot("no process that has the image module open answers", ETIMEDOUT);
+  }
+  pid_t pid = -1;
+  SpawnPlan plan;
+  if (const int error = plan.give(std::move(files)); error != 0)
+    return cannot("descriptors", error);
+  if (const int error = plan.run(options.program, "import-stage", pid); error != 0)
+    return cannot(options.program.c_str(), error);
+  return pid;
 }
-
-/// posix_spawn's two structures.
-class SpawnPlan {
- public:
-  SpawnPlan() {
-    ::posix_spawn_file_actions_init(&actions_);
-    ::posix_spawnattr_init(&attributes_);
-    // A group of its own, so that Ctrl-C reaches it through the service only; a service's signals
-    // stay blocked until it ignores them.
-    sigset_t blocked;
-    sigemptyset(&blocked);
-    for (const int number : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&blocked, number);
-    ::posix_spawnattr_setsigmask(&attributes_, &blocked);
-    ::posix_spawnattr_setpgroup(&attributes_, 0);
-    ::posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETPGROUP);
-  }
-  SpawnPlan(const SpawnPlan&) = delete;
-  SpawnPlan& operator=(const SpawnPlan&) = delete;
-  ~SpawnPlan() {
-    ::posix_spawn_file_actions_destroy(&actions_);
-    ::posix_spawnattr_destroy(&attributes_);
-  }
-
-  /// The process gets these as 0, 1, 2 ... and nothing else. They are copied out of the way first,
-  /// for one may lie where another is to go.
-  int give(std::vector<int> sources) {
-    const int count = static_cast<int>(sources.size());
-    for (int& fd : sources) {
-      Fd& copy = copies_.emplace_back(::fcntl(fd, F_DUPFD_CLOEXEC, count));
-      if (!copy.valid()) return errno;
-      fd = copy.get();
-    }
-    for (int i = 0; i < count; ++i)
-      if (const int error = ::posix_spawn_file_actions_adddup2(
-              &actions_, sources[static_cast<std::size_t>(i)], i);
-          error != 0)
-        return error;
-    return ::posix_spawn_file_actions_addclosefrom_np(&actions_, count);
-  }
-
-  int run(const std::filesystem::path& program, pid_t& pid) {
-    std::string name = "lightkiln", command = "import-stage", parent = std::to_string(::getpid());
-    std::array<char*, 4> words{name.data(), command.data(), parent.data(), nullptr};
-    return ::posix_spawn(&pid, program.c_str(), &actions_, &attributes_, words.data(),
-                         plain_environment().data());
-  }
-
- private:
-  posix_spawn_file_actions_t actions_{};
-  posix_spawnattr_t attributes_{};
-  std::vector<Fd> copies_;
-};
 
 enum class End { kByItself, kStopped, kLate, kTalkedTooMuch };
 
@@ -327,18 +286,12 @@ proto::Expected<Confinement> run_import_process(const ImportProcessOptions& opti
 
   std::vector<int> given{input->get(), answer->write.get(), said->write.get()};
   given.insert(given.end(), files.sources().begin(), files.sources().end());
-  pid_t pid = -1;
-  {
-    SpawnPlan plan;
-    if (const int error = plan.give(std::move(given)); error != 0)
-      return cannot("descriptors", error);
-    if (const int error = plan.run(options.program, pid); error != 0)
-      return cannot(options.program.c_str(), error);
-  }
-  Process process(pid, std::move(answer->read), std::move(said->read));
+  const auto pid = start(options, job.work, std::move(given), stop);
+  if (!pid) return Unexpected(pid.error());
+  Process process(*pid, std::move(answer->read), std::move(said->read));
   answer->write.reset();
   said->write.reset();
-  if (options.started) options.started(pid);
+  if (options.started) options.started(*pid);
   std::optional<Clock::time_point> deadline;
   if (options.seconds > 0) deadline = Clock::now() + std::chrono::seconds(options.seconds);
   const End end = process.wait(deadline, stop);

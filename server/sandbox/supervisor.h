@@ -6,12 +6,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <stop_token>
 #include <string>
 
 #include "proto/expected.h"
 #include "proto/files.h"
 #include "server/sandbox/protocol.h"
+#include "server/sandbox/zygote.h"
 
 namespace kiln::sandbox {
 
@@ -19,6 +21,9 @@ namespace kiln::sandbox {
 struct ImportProcessOptions {
   /// The program: this one, whatever has become of its file since it was started.
   std::filesystem::path program = "/proc/self/exe";
+  /// What processes are forked from; imports wait for it. Null: the program is started each time,
+  /// and can't decode images.
+  std::shared_ptr<Zygote> zygote;
   std::uint64_t memory_bytes = 0;  ///< 0: no limit
   std::uint32_t seconds = 0;       ///< of time on the wall, and of the processor; 0: no limit
   /// Told each process's id, on the thread that waits for it.

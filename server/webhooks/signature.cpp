@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "proto/base64.h"
+#include "proto/text_codes.h"
 
 namespace kiln::webhooks {
 namespace {
@@ -28,6 +28,8 @@ proto::Expected<std::string> webhook_key(std::string_view secret) {
   };
   if (!secret.starts_with(kPrefix)) return refuse();
   secret.remove_prefix(kPrefix.size());
+  if (secret.size() % 4 != 0 || secret.find_first_of("-_") != std::string_view::npos)
+    return refuse();
   auto key = proto::base64_decode(secret);
   if (!key || key->size() < kMin || key->size() > kMax) return refuse();
   return std::move(*key);

@@ -1,7 +1,6 @@
-// An OpenEXR or Radiance file as a sky map: what is accepted can light a scene.
+// An OpenEXR, Radiance or TIFF file as a sky map: what is accepted can light a scene.
 #include <cstdint>
 
-#include "baker/image/sky_decoder.h"
 #include "baker/import/import.h"
 #include "tests/fuzz/require.h"
 

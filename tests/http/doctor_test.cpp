@@ -48,10 +48,11 @@ class Doctor : public testing::Test {
 
 TEST_F(Doctor, LooksAtEverything) {
   const Report report = ask_it(data() + " --port 0 --admin-port 0 --json");
-  for (const char* name : {"processor", "memory", "data_fsync", "disk_free", "descriptors", "port",
-                           "admin_port", "tokens", "clock", "sqlite"})
+  for (const char* name : {"processor", "memory", "image_module", "data_fsync", "disk_free",
+                           "descriptors", "port", "admin_port", "tokens", "clock", "sqlite"})
     EXPECT_NE(report.health(name), "") << name << report.text;
   EXPECT_EQ(report.health("port"), "ok");
+  EXPECT_EQ(report.health("image_module"), "ok");
   EXPECT_NE(report.health("data_fsync"), "fail");
   EXPECT_EQ(report.code, report.document["health"] == "fail" ? 1 : 0) << report.text;
   EXPECT_TRUE(std::filesystem::is_empty(folder.path() / "data"));

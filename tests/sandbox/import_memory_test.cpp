@@ -63,6 +63,7 @@ TEST(ImportMemory, LitScenesAreMadeWithinTheJobsMemory) {
   const TempFolder folder;
   const std::string request = (folder.path() / "request-").string();
   Isolated isolated;
+  isolated.options.process.zygote = nullptr;
   isolated.options.process.program = script(
       folder, "cat > " + request + "$$\nexec " LIGHTKILN_BINARY " \"$@\" < " + request + "$$");
   isolated.options.memory = std::make_shared<base::MemoryBudget>(

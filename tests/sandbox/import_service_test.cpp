@@ -16,7 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
-using TempFolder;
 
 /// The import process of a running service, once it decodes.
 pid_t import_process_of(const Program& program) {
@@ -26,7 +25,7 @@ pid_t import_process_of(const Program& program) {
     for (fs::directory_iterator at(tasks, gone), end; !gone && at != end; at.increment(gone)) {
       std::ifstream children(at->path() / "children");
       for (pid_t pid = 0; children >> pid;)
-        if (status_of(pid, "Seccomp") == "2") return pid;
+        if (is_confined(pid)) return pid;
     }
   }
   return -1;

@@ -21,7 +21,6 @@ namespace kiln::test {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
-using TempFolder;
 
 inline constexpr bool kHasMemoryLimit = kSlowdown == 1;  // sanitizers have none
 
@@ -40,7 +39,10 @@ struct Isolated {
   sandbox::Importer::Options options;
 
   Isolated() {
+    static const auto zygote = std::make_shared<sandbox::Zygote>(
+        sandbox::Zygote::Options{LIGHTKILN_BINARY, [](const std::string&) {}});
     options.process.program = LIGHTKILN_BINARY;
+    options.process.zygote = zygote;
     options.process.seconds = 60;
     options.process.started = [this](pid_t now) {
       ++started;
@@ -69,9 +71,7 @@ struct Isolated {
   /// The process once it is confined and decodes.
   pid_t confined_pid() const {
     for (int i = 0; i < 20'000; ++i, std::this_thread::sleep_for(1ms))
-      if (const pid_t now = pid;
-          now > 0 && status_of(now, "NoNewPrivs") == "1" && status_of(now, "Seccomp") == "2")
-        return now;
+      if (const pid_t now = pid; now > 0 && is_confined(now)) return now;
     return -1;
   }
 };

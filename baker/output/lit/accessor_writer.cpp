@@ -103,15 +103,20 @@ proto::Expected<std::uint32_t> AccessorWriter::gather(std::uint64_t index,
     if (source[i] >= values->count)
       return proto::fail("invalid_scene", "has fewer elements than POSITION", "scene",
                          "/accessors/" + std::to_string(index));
-    values->read(source[i], bytes.data() + i * stride);
+    values->copy(source[i], bytes.data() + i * stride);
   }
   Json accessor = document_.json()["accessors"][index];
   const auto type = count_at(accessor, "componentType", 0).value_or(0);
-  const std::uint32_t components = component_count(accessor["type"].get<std::string>());
+  const std::uint32_t components =
+      gltf::vector_components(accessor["type"].get_ref<const std::string&>());
   for (const char* member : {"byteOffset", "sparse"}) accessor.erase(member);
   accessor["count"] = source.size();
-  if (accessor.contains("min") || accessor.contains("max"))
+  const bool has_bounds = accessor.contains("min") || accessor.contains("max");
+  if (has_bounds && components > 0) {
     accessor.update(bounds_of(type, bytes, stride, components));
+  } else {
+    for (const char* bound : {"min", "max"}) accessor.erase(bound);  // a matrix may have none
+  }
   const std::uint32_t made = add(std::move(accessor), std::move(bytes), kVertexTarget,
                                  stride == values->element_bytes ? 0 : stride);
   gathered_.emplace(key, made);

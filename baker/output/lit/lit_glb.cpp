@@ -282,8 +282,9 @@ void list_extensions(Json& document) {
 
 proto::Expected<void> write_lit_glb(int fd, const files::SceneFiles& files,
                                     const scene::Scene& scene, const atlas::Atlas& atlas,
-                                    std::span<const LitPage> pages) {
-  auto document = LitDocument::open(files);
+                                    std::span<const LitPage> pages,
+                                    const files::ImportLimits& limits) {
+  auto document = LitDocument::open(files, limits);
   if (!document) return Unexpected(document.error());
   if (auto ok = LitScene(**document, scene, atlas, pages).build(); !ok) return ok;
   list_extensions((*document)->json());
@@ -292,10 +293,11 @@ proto::Expected<void> write_lit_glb(int fd, const files::SceneFiles& files,
 
 proto::Expected<void> write_lit_glb(const std::filesystem::path& path,
                                     const files::SceneFiles& files, const scene::Scene& scene,
-                                    const atlas::Atlas& atlas, std::span<const LitPage> pages) {
+                                    const atlas::Atlas& atlas, std::span<const LitPage> pages,
+                                    const files::ImportLimits& limits) {
   const proto::Fd file(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
   if (!file.valid()) return proto::storage_error("create", path);
-  return write_lit_glb(file.get(), files, scene, atlas, pages);
+  return write_lit_glb(file.get(), files, scene, atlas, pages, limits);
 }
 
 }  // namespace kiln::output::lit

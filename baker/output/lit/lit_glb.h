@@ -17,9 +17,10 @@ namespace kiln::output::lit {
 /// and `invalid_scene` where the source changed since it was imported.
 proto::Expected<void> write_lit_glb(const std::filesystem::path&, const files::SceneFiles&,
                                     const scene::Scene&, const atlas::Atlas&,
-                                    std::span<const LitPage>);
+                                    std::span<const LitPage>, const files::ImportLimits& = {});
 /// The same to an open file.
 proto::Expected<void> write_lit_glb(int fd, const files::SceneFiles&, const scene::Scene&,
-                                    const atlas::Atlas&, std::span<const LitPage>);
+                                    const atlas::Atlas&, std::span<const LitPage>,
+                                    const files::ImportLimits& = {});
 
 }  // namespace kiln::output::lit

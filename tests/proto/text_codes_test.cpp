@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "proto/base64.h"
-#include "proto/uri_escape.h"
+#include "proto/text_codes.h"
 
 namespace kiln::proto {
 namespace {
@@ -9,6 +8,7 @@ namespace {
 TEST(UriEscape, DecodesBytes) {
   EXPECT_EQ(percent_decode("a%20b%C3%A9"), "a b\xC3\xA9");
   EXPECT_EQ(percent_decode("%2f%2F+"), "//+");
+  EXPECT_EQ(percent_decode("a+%2B", true), "a +");
   EXPECT_EQ(percent_decode("%00"), std::string(1, '\0'));
   EXPECT_EQ(percent_decode(""), "");
 }
@@ -41,9 +41,15 @@ TEST(Base64, KnowsTheStandardsExamples) {
   }
 }
 
-TEST(Base64, RefusesWhatIsNotPaddedOrNotOfTheAlphabet) {
-  for (const char* bad : {"Z", "Zg", "Zg=", "Zm9", "=Zm8", "Zm=8", "Z===", "====", "Zm9v\n", " m9v",
-                          "Zm9 ", "Zm-v", "Zm_v", "Zg==Zm9v"})
+TEST(Base64, TakesWhatWritersOfGltfWrite) {
+  EXPECT_EQ(base64_decode("Zg"), "f") << "without padding";
+  EXPECT_EQ(base64_decode("-_8="), "\xFB\xFF") << "the alphabet for URLs";
+  EXPECT_EQ(base64_decode("+/8="), "\xFB\xFF");
+}
+
+TEST(Base64, RefusesOtherLettersAndImpossibleLengths) {
+  for (const char* bad :
+       {"Z", "Z===", "====", "=Zm8", "Zm=8", "Zm9v\n", " m9v", "Zm9 ", "Zm9*", "Zg==Zm9v", "Zm9vY"})
     EXPECT_FALSE(base64_decode(bad)) << bad;
 }
 

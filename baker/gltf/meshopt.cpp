@@ -1,4 +1,4 @@
-#include "baker/gltf/meshopt_decoder.h"
+#include "baker/gltf/meshopt.h"
 
 #include <meshoptimizer.h>
 
@@ -15,14 +15,14 @@ Decode decoder_of(const std::string& mode) {
 
 constexpr std::uint64_t kMaxCount = std::uint64_t{1} << 40;
 
-/// Fewest bytes that hold the view: a quarter of a byte for every 16 of a column, a byte for every
-/// triangle or index.
+/// The fewest bytes that hold the view: a quarter of a byte for every 16 of a column, a byte for
+/// every triangle or index.
 std::uint64_t least_bytes(const MeshoptView& v) {
   if (v.mode == "ATTRIBUTES") return v.bytes() / 64;
   return v.mode == "TRIANGLES" ? v.count / 3 : v.count;
 }
 
-/// Of an index; the filters need strides of their own.
+/// Says why the stride can't be; the filters need strides of their own.
 std::string wrong_stride(const MeshoptView& v) {
   if (v.mode != "ATTRIBUTES") {
     if (v.stride != 2 && v.stride != 4) return "indices have a byteStride of 2 or 4";
@@ -38,7 +38,8 @@ std::string wrong_stride(const MeshoptView& v) {
   return "";
 }
 
-/// Data begins with a half-byte that tells the mode, and another that tells the version.
+/// Says why data can't be decoded. It begins with a half-byte that names the mode, and another that
+/// names the version.
 std::string why_broken(const MeshoptView& v, std::string_view packed) {
   const bool attributes = v.mode == "ATTRIBUTES";
   const unsigned mode = attributes              ? 0xau

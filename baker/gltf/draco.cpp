@@ -1,12 +1,15 @@
-#include "baker/gltf/draco_decoder.h"
+#include "baker/gltf/draco.h"
 
 #include <draco/compression/decode.h>
 
 #include <cstring>
 #include <new>
+#include <nlohmann/json.hpp>
 #include <optional>
 
+#include "baker/exec/stop.h"
 #include "baker/gltf/component.h"
+#include "baker/gltf/errors.h"
 
 namespace kiln::gltf {
 namespace {
@@ -28,9 +31,9 @@ std::optional<std::uint64_t> take_varint(std::string_view& bytes) {
   return std::nullopt;
 }
 
-/// What the library would take memory by: it believes the header. "" when that is what the document
-/// says, or lies behind metadata; then the process's own limit has to do [Draco bitstream
-/// specification 2.2, sections 4 and 5].
+/// Compares the header with the document, since the library believes the header and takes memory by
+/// it. Returns what differs; "" when nothing does, or when the numbers lie behind metadata: the
+/// process's own limit then has to do [Draco bitstream specification 2.2, sections 4 and 5].
 std::string wrong_header(std::string_view bytes, const DracoRequest& request) {
   constexpr std::size_t kHeader = 11;
   constexpr unsigned char kTriangles = 1, kSequential = 0, kEdgebreaker = 1, kMetadata = 0x80;
@@ -144,6 +147,120 @@ proto::Expected<DracoMesh> decode_draco(std::string_view bytes, const DracoReque
     out.attributes.push_back(std::move(*values));
   }
   return out;
+}
+
+namespace {
+
+constexpr const char* kName = "KHR_draco_mesh_compression";
+
+/// Components of an accessor's element; 0 for a matrix.
+std::uint32_t components_of(const Json& accessor) {
+  const auto type = accessor.find("type");
+  if (type == accessor.end() || !type->is_string()) return 0;
+  return vector_components(type->get_ref<const std::string&>());
+}
+
+class DracoUnpacker {
+ public:
+  DracoUnpacker(Json& document, const DracoViews& views, std::uint64_t max_bytes)
+      : document_(document), views_(views), max_(max_bytes), left_(max_bytes) {}
+
+  proto::Expected<void> run(const std::stop_token& stop) {
+    if (!document_.contains("meshes") || !document_.contains("accessors")) return {};
+    for (std::size_t m = 0; m < document_["meshes"].size(); ++m) {
+      const Json& primitives = document_["meshes"][m]["primitives"];
+      for (std::size_t p = 0; p < primitives.size(); ++p) {
+        const auto extensions = primitives[p].find("extensions");
+        if (extensions == primitives[p].end() || !extensions->contains(kName)) continue;
+        if (stop.stop_requested()) return exec::canceled();
+        at_ = pointer_to(pointer_to("/meshes", m) + "/primitives", p) + "/extensions/" + kName;
+        if (auto done = unpack(primitives[p], extensions->at(kName)); !done) return done;
+      }
+    }
+    return {};
+  }
+
+ private:
+  proto::Expected<void> wrong(const std::string& why) const { return invalid(why, at_); }
+  static bool lacks_data(const Json& accessor) { return !accessor.contains("bufferView"); }
+  static std::uint32_t component_type(const Json& accessor) {
+    return std::uint32_t(count_at(accessor, "componentType", 0).value_or(0));
+  }
+  Json& accessor(const Json& index) { return document_["accessors"][*as_count(index)]; }
+
+  /// The accessors of the primitive's attributes that have no data of their own, and what is to be
+  /// decoded for them. Errors: `invalid_scene`.
+  proto::Expected<std::vector<Json*>> lacking_accessors(const Json& attributes, const Json& ids,
+                                                        DracoRequest& request) {
+    std::vector<Json*> lacking;
+    for (const auto& [name, index] : attributes.items()) {
+      Json& to = accessor(index);
+      if (name == "POSITION") request.vertices = count_at(to, "count", 0).value_or(0);
+      const auto id = ids.find(name);
+      if (id == ids.end() || !lacks_data(to)) continue;
+      lacking.push_back(&to);
+      request.attributes.push_back(
+          {as_count(*id).value_or(~std::uint64_t{0}), component_type(to), components_of(to)});
+      if (draco_stride(request.attributes.back()) == 0) return invalid("can't hold " + name, at_);
+    }
+    for (const Json* to : lacking)
+      if (count_at(*to, "count", 0) != request.vertices)
+        return invalid("its accessors differ in count", at_);
+    return lacking;
+  }
+
+  proto::Expected<void> unpack(const Json& primitive, const Json& extension) {
+    DracoRequest request;
+    const auto lacking =
+        lacking_accessors(primitive.at("attributes"), extension.at("attributes"), request);
+    if (!lacking) return proto::Unexpected(lacking.error());
+    Json* const indices = primitive.contains("indices") ? &accessor(primitive["indices"]) : nullptr;
+    if (lacking->empty() && !(indices && lacks_data(*indices))) return {};
+    if (count_at(primitive, "mode", 4) != 4)
+      return proto::fail("unsupported_extension",
+                         "of what Draco compresses only triangles are read", "scene", at_);
+    if (!indices) return wrong("a compressed primitive needs indices");
+    request.indices = count_at(*indices, "count", 0).value_or(0);
+    request.index_type = component_type(*indices);
+    if (auto fits = take_budget(request); !fits) return fits;
+    const auto bytes = views_.bytes(std::size_t(*as_count(extension.at("bufferView"))));
+    if (!bytes) return wrong("its buffer view has no data");
+    auto mesh = decode_draco(*bytes, request);
+    if (!mesh) return wrong(mesh.error().message);
+    for (std::size_t i = 0; i < lacking->size(); ++i)
+      give(*(*lacking)[i], std::move(mesh->attributes[i]), draco_stride(request.attributes[i]));
+    if (lacks_data(*indices)) give(*indices, std::move(mesh->indices), 0);
+    return {};
+  }
+
+  void give(Json& accessor, std::string bytes, std::uint32_t stride) {
+    accessor["bufferView"] = views_.add(std::move(bytes), stride);
+    accessor.erase("byteOffset");
+  }
+
+  proto::Expected<void> take_budget(const DracoRequest& request) {
+    std::uint64_t bytes = 4;
+    for (const DracoAttribute& a : request.attributes) bytes += draco_stride(a);
+    // In floating point, since a count may be any number.
+    const double wanted = double(bytes) * double(request.vertices) + 4.0 * double(request.indices);
+    if (wanted > double(left_))
+      return over_limit("too much data once it is decompressed", max_, "upload_bytes", at_);
+    left_ -= std::uint64_t(wanted);
+    return {};
+  }
+
+  Json& document_;
+  const DracoViews& views_;
+  const std::uint64_t max_;
+  std::uint64_t left_;
+  std::string at_;  ///< pointer to the extension under work
+};
+
+}  // namespace
+
+proto::Expected<void> unpack_draco(Json& document, const DracoViews& views, std::uint64_t max_bytes,
+                                   const std::stop_token& stop) {
+  return DracoUnpacker(document, views, max_bytes).run(stop);
 }
 
 }  // namespace kiln::gltf

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "baker/image/header.h"
+#include "baker/image/module.h"
+#include "proto/expected.h"
+
+namespace kiln::image {
+
+// Encoded pictures, from and to memory. Headers are read here; pixels by OpenImageIO, which is
+// opened at first use: it lies in liblightkiln-image.so, beside the program or in ../lib/lightkiln,
+// and takes a third of a second. All functions are safe to call from many threads. Those that
+// decode or encode have the error `internal` when the module can't be opened; it names the file.
+
+/// Of a file by its first bytes; nothing for all others, which nothing here reads.
+std::optional<Format> format_of(std::string_view bytes);
+
+/// What the file says of itself; takes no memory for pixels. Refuses what no size makes readable.
+/// `format_of(bytes)` must be something. Errors: `invalid_image`.
+proto::Expected<Header> read_header(std::string_view bytes);
+
+/// Fills `texels`, one per pixel of header.size. PNG, JPEG and WebP: gray becomes RGB, palettes
+/// become colors, 16 bits per channel are rounded to 8; colors are neither converted nor multiplied
+/// by alpha, which is 255 where there is none. Returns what is damaged in a picture of which only a
+/// part could be read, "" for a whole one. Throws std::bad_alloc where memory lacks, also where the
+/// library makes another error of that.
+/// Errors: `invalid_image` with the library's reason, `canceled`, `internal`.
+proto::Expected<std::string> decode_rgba8(const Header& header, Texels texels,
+                                          const std::stop_token&);
+
+/// Fills `rgb`, one per pixel of header.size, with the numbers of an OpenEXR, Radiance or TIFF file
+/// by its own primaries, an EXPOSURE taken out again. `alpha` may be empty; it is 1 where there is
+/// none. Throws and errors as above.
+proto::Expected<void> decode_rgb(Header& header, std::span<math::Rgb> rgb, std::span<float> alpha,
+                                 const std::stop_token&);
+
+/// An OpenEXR file of one part in tiles, ZIP-compressed, `metadata` as text attributes; its bytes
+/// depend on the arguments only. Errors: `canceled`, `internal` and `sink_failed`: the sink's.
+proto::Expected<void> encode_exr(const ExrPlan&, FloatRows&, Sink&, const std::stop_token&);
+
+/// PNG bytes of an 8-bit picture of 3 (RGB) or 4 (RGBA, straight) channels, row 0 = top. Carries no
+/// color space, so that no reader converts values; the bytes depend on the arguments only.
+proto::Expected<std::string> encode_png(std::span<const std::uint8_t> samples, std::uint32_t width,
+                                        std::uint32_t height, int channels);
+
+/// Opens the module now instead of at first use. Errors: `internal`.
+proto::Expected<void> open_module();
+/// Where the module is looked for, first to last.
+std::vector<std::filesystem::path> module_paths();
+/// OpenImageIO reads options and plug-ins from the environment; takes those variables away. To be
+/// called before there are other threads.
+void ignore_environment();
+
+}  // namespace kiln::image

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <spawn.h>
+#include <sys/types.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "proto/files.h"
+
+namespace kiln::sandbox {
+
+/// Starts this program anew for a part of its work. What may hold secrets stays behind: all
+/// descriptors but those that are given, and the environment but for what the loader and sanitizers
+/// read. The process is in a group of its own, so that Ctrl-C reaches it through the service only,
+/// and starts with the signals that end a service blocked.
+class SpawnPlan {
+ public:
+  SpawnPlan();
+  SpawnPlan(const SpawnPlan&) = delete;
+  SpawnPlan& operator=(const SpawnPlan&) = delete;
+  ~SpawnPlan();
+
+  /// The process gets these as 0, 1, 2 ... and nothing else. They are copied out of the way first,
+  /// for one may lie where another is to go. Returns 0 or an errno.
+  int give(std::vector<int> sources);
+  /// `lightkiln command PID`, with this process's id. Returns 0 or an errno.
+  int run(const std::filesystem::path& program, std::string command, pid_t& pid);
+
+ private:
+  posix_spawn_file_actions_t actions_{};
+  posix_spawnattr_t attributes_{};
+  std::vector<proto::Fd> copies_;
+};
+
+}  // namespace kiln::sandbox
