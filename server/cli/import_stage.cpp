@@ -8,7 +8,7 @@ namespace kiln::cli {
 void add_import_stage(CLI::App& app, Run& run) {
   auto parent = std::make_shared<int>(0);
   auto* command = app.add_subcommand("import-stage", "");
-  command->group("");  // not for people: kept out of the help
+  command->group("");  // not for people, so the help leaves it out
   command->add_option("PID", *parent)->required();
   command->callback(
       [parent, &run] { run = [parent]() -> int { sandbox::run_import_stage(*parent); }; });

@@ -22,7 +22,8 @@ std::uint32_t little_endian(const char* p) {
   return v;
 }
 
-/// The JSON of a .gltf, or the first chunk of a .glb; "" when it is neither.
+/// Returns the JSON of a .gltf, or the first chunk of a .glb, or "" when the file can't be read or
+/// is too large.
 std::string json_text(const fs::path& scene) {
   std::error_code error;
   std::uint64_t bytes = fs::file_size(scene, error);
@@ -62,7 +63,7 @@ std::optional<std::string> percent_decoded(std::string_view uri) {
   return out;
 }
 
-/// The file that a relative URI means, when it lies in the folder, links followed.
+/// Returns the file that a relative URI names, if it lies in the folder after links are followed.
 std::optional<fs::path> inside(const fs::path& folder, const std::string& name) {
   if (name.empty() || name.find('\0') != name.npos || fs::path(name).is_absolute()) return {};
   std::error_code error;
