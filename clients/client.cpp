@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-/// A boundary that the files' bytes don't contain, but for a chance of 2^-128.
+/// Returns a boundary that the files' bytes contain with a chance of 2^-128 only.
 std::string random_boundary() {
   std::random_device random;
   std::string text = "lightkiln-";
@@ -26,7 +26,7 @@ std::string random_boundary() {
 
 json options_document(const proto::JobOptions& options) {
   json document = proto::to_json(options);
-  if (!options.ttl_seconds) document.erase("ttl_seconds");  // the service's default
+  if (!options.ttl_seconds) document.erase("ttl_seconds");  // the service's default applies
   return document;
 }
 
@@ -46,7 +46,8 @@ proto::Expected<MultipartBody> body_of(const Submission& s) {
   return body;
 }
 
-/// The scene alone, with the same bytes each time, so that a part of it can be sent later.
+/// Makes a body of the scene alone. It has the same bytes each time, so that a part of it can be
+/// sent later.
 proto::Expected<MultipartBody> scene_body(const Submission& s, const std::string& key) {
   if (s.side.empty()) return MultipartBody::bare(s.scene);
   MultipartBody body("lightkiln-" + key.substr(0, 32));
@@ -55,7 +56,7 @@ proto::Expected<MultipartBody> scene_body(const Submission& s, const std::string
 }
 
 struct Files {
-  std::string key;  ///< what the service calls the scene
+  std::string key;  ///< the scene's key in the service
   std::uint64_t bytes = 0;
 };
 
@@ -160,14 +161,14 @@ proto::Expected<proto::JobSummary> Client::submit(const Submission& submission,
   if (!known) return proto::Unexpected(known.error());
   if (*known) {
     auto job = impl_->submit_known(submission, "sha256:" + files->key);
-    if (job || job.error().code != "not_found") return job;  // it may just have been deleted
+    if (job || job.error().code != "not_found") return job;  // the scene may just have been deleted
   }
   if (files->bytes < kResumableBytes) return impl_->submit_whole(submission);
   auto body = scene_body(submission, files->key);
   if (!body) return proto::Unexpected(std::move(body.error()));
   const auto scene = impl_->upload(*body, "scene-" + files->key, policy);
   if (scene) return impl_->submit_known(submission, *scene);
-  // A service of an earlier version knows no uploads.
+  // A service of an earlier version does not support uploads.
   const bool unknown = scene.error().code == "not_found" || scene.error().code == "bad_document";
   return unknown ? impl_->submit_whole(submission) : proto::Unexpected(scene.error());
 }

@@ -18,7 +18,7 @@
 
 namespace kiln::clients {
 
-/// What POST /v1/jobs takes.
+/// The input of POST /v1/jobs.
 struct Submission {
   std::filesystem::path scene;
   std::map<std::string, std::filesystem::path> side;  ///< by the name that the glTF uses
@@ -26,51 +26,51 @@ struct Submission {
   proto::JobOptions options;
 };
 
-/// How a lost event stream is taken up again.
+/// Says how to resume a lost event stream or a broken upload.
 struct RetryPolicy {
   std::chrono::milliseconds first{250}, longest{5000};
-  std::chrono::milliseconds give_up{60'000};  ///< after so long without an answer
-  std::chrono::seconds silence{60};           ///< a stream this quiet is dead: heartbeats are 15 s
+  std::chrono::milliseconds give_up{60'000};  ///< the time without an answer after which to give up
+  std::chrono::seconds silence{
+      60};  ///< a stream this long silent is dead: heartbeats come every 15 s
 };
 
-/// Talks to one service. Errors are the service's own (its codes, pointers and words), or
-///  `server_unreachable`  nothing answers there, or the connection broke
-///  `bad_document`        something answers that is not this service
-/// Calls block. One object per thread.
+/// Talks to one service. Errors are the service's own (with its codes, pointers and messages), or
+/// `server_unreachable`  nothing answers there, or the connection broke `bad_document` something
+/// answers that is not this service Calls block. Each thread needs an object of its own.
 class Client {
  public:
-  /// `token`: sent with every request unless empty.
+  /// `token` is sent with every request unless it is empty.
   explicit Client(ServerUrl, std::string token = {});
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  /// Scenes from this size on are sent so that a broken upload can be resumed.
+  /// Scenes of this size or more are sent so that a broken upload can be resumed.
   static constexpr std::uint64_t kResumableBytes = 8u << 20;
 
-  /// Hashes the files first: a scene that the service has is not sent. A large one goes on where
-  /// its upload broke, in this call or an earlier one. Reads files in pieces; memory does not grow
-  /// with them. `policy`: for broken uploads.
+  /// Submits a job. It hashes the files first and does not send a scene that the service has. The
+  /// upload of a large scene resumes where it broke, in this call or an earlier one. Files are read
+  /// in pieces; memory does not grow with them. `policy` governs broken uploads.
   proto::Expected<proto::JobSummary> submit(const Submission&, const RetryPolicy& policy = {});
   proto::Expected<proto::JobSummary> job(const std::string& id);
   proto::Expected<std::vector<proto::JobSummary>> jobs();  ///< newest first, at most 50
-  /// `keep_light`: the passes that are done become the result.
+  /// Cancels a job. With `keep_light` the passes that are done become the result.
   proto::Expected<proto::JobSummary> cancel(const std::string& id, bool keep_light = false);
   /// Runs a job that failed or was canceled again, from its last checkpoint or from the start.
   proto::Expected<proto::JobSummary> retry(const std::string& id, bool from_start = false);
 
   /// Follows a job's events from the one after `after` until `job.end`, over as many connections as
-  /// it takes, or until the handler returns false.
+  /// needed, or until the handler returns false.
   proto::Expected<void> follow(const std::string& id, std::uint64_t after,
                                const std::function<bool(const proto::Event&)>& handler,
                                const RetryPolicy& = {});
 
   proto::Expected<std::vector<proto::ResultFile>> results(const std::string& id);
-  /// Writes one result file into `dir`; a file that is there already with the right digest is kept.
+  /// Writes one result file into `dir`; a file that already exists with the right digest is kept.
   proto::Expected<void> download(const std::string& id, const proto::ResultFile&,
                                  const std::filesystem::path& dir);
 
-  struct Impl;  ///< client_impl.h, for the client's own .cpp files
+  struct Impl;  ///< defined in client_impl.h, for the client's own .cpp files
 
  private:
   std::unique_ptr<Impl> impl_;

@@ -8,7 +8,7 @@
 #include "clients/client.h"
 #include "clients/multipart_body.h"
 
-/// For the client's own .cpp files.
+/// The client's inside, for its own .cpp files.
 namespace kiln::clients {
 
 struct Client::Impl {
@@ -22,27 +22,27 @@ struct Client::Impl {
   std::string path(const std::string& below) const { return url.base + "/v1" + below; }
   proto::Unexpected unreachable(httplib::Error) const;
 
-  /// The body of a 2xx answer as JSON; the service's problem otherwise.
+  /// Returns the body of a 2xx answer as JSON, or the service's problem as the error.
   proto::Expected<nlohmann::json> document(const httplib::Result&) const;
   proto::Expected<nlohmann::json> get(const std::string& below);
-  /// Sends a body by POST and PATCH /v1/uploads, and goes on where it breaks. `name`: finds the
-  /// upload again, from another process too. The scene's id ("sha256:...").
+  /// Sends a body by POST and PATCH /v1/uploads, and resumes where it breaks. `name` identifies the
+  /// upload, also to another process. Returns the scene's id ("sha256:...").
   proto::Expected<std::string> upload(MultipartBody&, const std::string& name, const RetryPolicy&);
-  /// Whether the service has a scene, which then need not be sent.
+  /// Returns whether the service has a scene, which then need not be sent.
   proto::Expected<bool> has_scene(const std::string& key);
-  /// POST /v1/jobs with all files.
+  /// Sends POST /v1/jobs with all files.
   proto::Expected<proto::JobSummary> submit_whole(const Submission&);
-  /// POST /v1/jobs with a scene that the service has.
+  /// Sends POST /v1/jobs with a scene that the service has.
   proto::Expected<proto::JobSummary> submit_known(const Submission&, const std::string& scene);
-  /// POST /v1/jobs/{id}/{action}.
+  /// Sends POST /v1/jobs/{id}/{action}.
   proto::Expected<proto::JobSummary> act(const std::string& id, const std::string& action,
                                          const nlohmann::json& body);
 };
 
-/// What a non-2xx answer says.
+/// Returns the error that a non-2xx answer describes.
 proto::Error error_of_answer(int status, const std::string& body, const std::string& origin);
 
-/// Errors: `bad_request` when this can't be a job's id.
+/// Checks the form of a job's id. Errors: `bad_request`.
 proto::Expected<void> check_job_id(const std::string& id);
 
 }  // namespace kiln::clients

@@ -13,7 +13,7 @@ constexpr int kTries = 3;
 constexpr std::size_t kMaxProblemBytes = 1u << 20;
 constexpr const char* kManifest = "manifest.json";
 
-/// The digest that a strong ETag holds, "" when it holds none.
+/// Returns the digest that a strong ETag holds, or "" when it holds none.
 std::string digest_of(const std::string& etag) {
   const bool quoted = etag.size() == 66 && etag.front() == '"' && etag.back() == '"';
   const std::string inner = quoted ? etag.substr(1, 64) : etag;
@@ -33,7 +33,7 @@ proto::Expected<std::vector<proto::ResultFile>> Client::results(const std::strin
   if (auto ok = check_job_id(id); !ok) return proto::Unexpected(std::move(ok.error()));
   auto files = impl_->get("/jobs/" + id + "/results").and_then(proto::result_files_from_json);
   if (!files) return files;
-  // A manifest can't hold its own digest, so its list may leave itself out.
+  // A manifest can't hold its own digest, so its list may omit it.
   const bool listed = std::any_of(files->begin(), files->end(),
                                   [](const proto::ResultFile& f) { return f.name == kManifest; });
   if (!listed) files->push_back({kManifest, "application/json", 0, ""});
@@ -72,7 +72,7 @@ proto::Expected<void> Client::download(const std::string& id, const proto::Resul
     if (answer && status == 200)
       return out.commit(file.sha256.empty() ? digest_of(etag) : file.sha256);
     if (status == 200 && answer.error() == httplib::Error::Canceled)
-      return out.commit(file.sha256);  // Our own write failed: says so.
+      return out.commit(file.sha256);  // the write to disk failed; commit() returns its error
     if (answer) return proto::Unexpected(error_of_answer(status, problem, impl_->url.text()));
     last = impl_->unreachable(answer.error()).value();
   }

@@ -13,10 +13,10 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxProblemBytes = 1u << 20;
 
-/// How one connection ended.
+/// The way in which one connection ended.
 enum class Outcome {
-  kEnded,   ///< the job is over, or the handler has had enough
-  kLost,    ///< worth another try
+  kEnded,   ///< the job is over, or the handler asked to stop
+  kLost,    ///< another try may succeed
   kFailed,  ///< `error` says why
 };
 
@@ -56,7 +56,7 @@ class Follower {
   bool answered_ = false, ended_ = false;
   proto::Error error_;
 
-  /// The service's wish (`retry:`), as far as it is sensible.
+  /// Returns the pause that the service asks for (`retry:`), within the policy's limit.
   milliseconds server_pause() const {
     return std::min(milliseconds(answered_ ? parser_.retry_ms().value_or(0) : 0), policy_.longest);
   }

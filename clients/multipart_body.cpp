@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::size_t kPiece = 256u << 10;
 
-/// A name inside quotes, as browsers write it (WHATWG: multipart/form-data encoding).
+/// Returns a name inside quotes, as browsers write it (WHATWG: multipart/form-data encoding).
 std::string quote_name(std::string_view name) {
   std::string out = "\"";
   for (const char c : name) {
@@ -90,7 +90,7 @@ bool MultipartBody::read(std::uint64_t offset, std::uint64_t length,
                                   [](std::uint64_t at, const Segment& s) { return at < s.begin; });
   if (segment == segments_.begin()) return false;
   --segment;
-  // Empty files are segments of no length: step over them.
+  // Empty files are segments of no length, so this skips them.
   while (segment != segments_.end() && offset >= segment->begin + segment->size) ++segment;
   if (segment == segments_.end()) return false;
   const std::uint64_t at = offset - segment->begin;
@@ -109,7 +109,7 @@ bool MultipartBody::read_file(const Segment& segment, std::uint64_t at, std::uin
   open_.seekg(static_cast<std::streamoff>(at));
   open_.read(buffer_.data(), static_cast<std::streamsize>(length));
   if (static_cast<std::uint64_t>(open_.gcount()) != length) {
-    error_ = segment.file.string() + " changed while it was sent";
+    error_ = segment.file.string() + " changed during the upload";
     return false;
   }
   return sink({buffer_.data(), static_cast<std::size_t>(length)});

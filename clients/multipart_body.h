@@ -12,25 +12,26 @@
 
 namespace kiln::clients {
 
-/// A multipart/form-data body, or a bare file, whose files stay on disk: its length is known
+/// A multipart/form-data body, or a bare file, whose files stay on disk. Its length is known
 /// beforehand, and only one piece of it is in memory at a time.
 class MultipartBody {
  public:
   explicit MultipartBody(std::string boundary);
-  /// One file as the whole body, without parts. Errors: `missing_file` when it can't be read.
+  /// Makes a body of one file, without parts. Errors: `missing_file` when it can't be read.
   static proto::Expected<MultipartBody> bare(const std::filesystem::path&);
 
   void add_text(const std::string& name, const std::string& media_type, std::string text);
-  /// `file_name` is what the service is told. Errors: `missing_file` when it can't be read.
+  /// Adds a file under the name `file_name`, which the service gets. Errors: `missing_file` when it
+  /// can't be read.
   proto::Expected<void> add_file(const std::string& name, const std::string& file_name,
                                  const std::filesystem::path&);
-  void finish();  ///< no parts after this
+  void finish();  ///< ends the body; no parts may follow
 
   std::uint64_t size() const { return size_; }
   std::string content_type() const;
 
-  /// Hands up to `length` bytes from `offset` on to `sink`, in at most a few pieces. False when a
-  /// file is shorter than it was (error()) or when the sink refuses.
+  /// Hands up to `length` bytes from `offset` on to `sink`, in a few pieces at most. Returns false
+  /// when a file is shorter than it was (see error()) or when the sink refuses.
   bool read(std::uint64_t offset, std::uint64_t length,
             const std::function<bool(std::string_view)>& sink);
   const std::string& error() const { return error_; }

@@ -5,7 +5,7 @@
 namespace kiln::clients {
 namespace {
 
-/// The whole text as a number, or nothing.
+/// Returns the whole text as a number, or nothing.
 template <class T>
 std::optional<T> number(std::string_view text) {
   T value{};
@@ -52,7 +52,7 @@ bool SseParser::end_line(const Handler& handler) {
   first_line_ = false;
   if (line.empty()) return dispatch(handler);
   const auto colon = line.find(':');
-  if (colon == 0) return true;  // A comment: the heartbeat.
+  if (colon == 0) return true;  // a comment, as the heartbeat is
   auto value = colon == std::string_view::npos ? std::string_view{} : line.substr(colon + 1);
   if (!value.empty() && value.front() == ' ') value.remove_prefix(1);
   field(line.substr(0, colon), value);

@@ -10,19 +10,20 @@
 
 namespace kiln::clients {
 
-/// Takes a text/event-stream apart as its bytes arrive, in pieces of any size
-/// (WHATWG HTML, "server-sent events"). Not thread-safe.
+/// Parses a text/event-stream as its bytes arrive, in pieces of any size (WHATWG HTML, "server-sent
+/// events"). It is not thread-safe.
 class SseParser {
  public:
   static constexpr std::size_t kMaxEventBytes = 16u << 20;
 
-  /// Called for each whole event; returns false to stop.
+  /// The parser calls it for each whole event. It returns false to stop.
   using Handler = std::function<bool(const proto::Event&)>;
 
-  /// False when the handler stopped, or when an event grew beyond kMaxEventBytes (overflowed()).
+  /// Parses more bytes. Returns false when the handler stopped, or when an event grew beyond
+  /// kMaxEventBytes (see overflowed()).
   bool feed(std::string_view bytes, const Handler&);
 
-  /// To be called before the bytes of a new connection: a half event is dropped, ids are kept.
+  /// Prepares for the bytes of a new connection. It drops an incomplete event and keeps the ids.
   void reconnect();
 
   std::uint64_t last_id() const { return last_id_; }  ///< 0: none seen
@@ -34,7 +35,7 @@ class SseParser {
   std::uint64_t id_ = 0, last_id_ = 0;
   std::optional<std::uint32_t> retry_ms_;
   bool has_data_ = false;
-  bool after_return_ = false;  ///< the last byte was '\r': a '\n' now belongs to it
+  bool after_return_ = false;  ///< the last byte was '\r', so a '\n' now belongs to it
   bool first_line_ = true;
   bool overflowed_ = false;
 

@@ -8,7 +8,7 @@
 #include "clients/multipart_body.h"
 #include "proto/json.h"
 
-/// Uploads that go on where they broke.
+/// This file sends uploads and resumes them where they broke.
 namespace kiln::clients {
 namespace {
 
@@ -24,7 +24,7 @@ std::optional<std::uint64_t> offset_of(const httplib::Response& answer) {
   return value;
 }
 
-/// One upload of one body, over as many connections as it takes.
+/// Sends one body in one upload, over as many connections as needed.
 class Uploader {
  public:
   Uploader(Client::Impl& client, MultipartBody& body, const std::string& name,
@@ -57,11 +57,11 @@ class Uploader {
   MultipartBody& body_;
   const std::string name_;
   const RetryPolicy policy_;
-  std::string path_;  ///< of the upload; "" until the service has named it
+  std::string path_;  ///< the upload's path; "" until the service has named it
   std::uint64_t offset_ = 0;
   std::string scene_;
-  std::optional<proto::Error> error_;  ///< that no retry mends
-  proto::Error lost_;                  ///< why there was no answer
+  std::optional<proto::Error> error_;  ///< an error that no retry can fix
+  proto::Error lost_;                  ///< the reason why there was no answer
 
   void fail(const httplib::Response& answer) {
     error_ = error_of_answer(answer.status, answer.body, client_.url.text());
@@ -72,7 +72,7 @@ class Uploader {
     if (told && *told <= body_.size())
       offset_ = *told;
     else
-      error_ = proto::Error{"bad_document", client_.url.text() + " tells no Upload-Offset", {}};
+      error_ = proto::Error{"bad_document", client_.url.text() + " sends no Upload-Offset", {}};
   }
 
   bool is_passing(const httplib::Result& answer) {
@@ -101,7 +101,7 @@ class Uploader {
     return true;
   }
 
-  // One PATCH with all that is left.
+  // Sends one PATCH with all bytes that remain.
   bool send() {
     const auto provider = [&](std::size_t at, std::size_t length, httplib::DataSink& sink) {
       return body_.read(offset_ + at, length, [&](std::string_view piece) {
@@ -118,7 +118,7 @@ class Uploader {
     if (is_passing(answer)) return false;
     if (answer->status == 409 || answer->status == 204) {
       lost_ =
-          proto::Error{"bad_document", client_.url.text() + " takes no bytes of the upload", {}};
+          proto::Error{"bad_document", client_.url.text() + " accepts no bytes of the upload", {}};
       const std::uint64_t before = offset_;
       set_offset(*answer);
       return offset_ != before;
@@ -127,12 +127,13 @@ class Uploader {
     return true;
   }
 
-  // How far it is, after a connection broke. When nobody answers the next round asks again.
+  // Asks for the upload's offset after a connection broke. Without an answer the next round asks
+  // again.
   void ask() {
     const auto answer = client_.http.Get(path_);
     if (is_passing(answer)) return;
     if (answer->status == 404) {
-      path_.clear();  // it expired: from the start
+      path_.clear();  // the upload expired, so it starts again
       offset_ = 0;
     } else if (answer->status == 200) {
       set_offset(*answer);

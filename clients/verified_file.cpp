@@ -19,7 +19,8 @@ VerifiedFile::~VerifiedFile() {
 proto::Expected<void> VerifiedFile::open() {
   file_.reset();
   written_ = {};
-  ::unlink(temporary_.c_str());  // of an earlier try, or of a process that had our id and crashed
+  // An earlier try, or a crashed process with our id, may have left one behind.
+  ::unlink(temporary_.c_str());
   auto file = proto::HashingFile::create(temporary_, 0666);
   if (!file) return proto::Unexpected(std::move(file.error()));
   file_.emplace(std::move(*file));

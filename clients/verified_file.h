@@ -10,8 +10,8 @@
 
 namespace kiln::clients {
 
-/// A file that is only seen under its name when it is whole and has the expected digest: bytes go
-/// to a temporary beside it, which is renamed at the end and removed on any failure.
+/// Writes a file that appears under its name only when it is whole and has the expected digest.
+/// Bytes go to a temporary beside it, which is renamed at the end and removed on any failure.
 class VerifiedFile {
  public:
   explicit VerifiedFile(std::filesystem::path target);
@@ -19,12 +19,12 @@ class VerifiedFile {
   VerifiedFile(const VerifiedFile&) = delete;
   VerifiedFile& operator=(const VerifiedFile&) = delete;
 
-  /// Starts (again) with an empty file. Errors: `storage_full`, `io_error`.
+  /// Starts, or starts again, with an empty file. Errors: `storage_full`, `io_error`.
   proto::Expected<void> open();
-  bool write(std::string_view bytes);  ///< false: commit() will say why
+  bool write(std::string_view bytes);  ///< on false, commit() returns the reason
 
-  /// Checks digest ("" for none known), flushes to disk, renames. Errors: `digest_mismatch`,
-  /// `storage_full`, `io_error`.
+  /// Checks the digest ("" when none is known), flushes the file to disk and renames it. Errors:
+  /// `digest_mismatch`, `storage_full`, `io_error`.
   proto::Expected<void> commit(const std::string& sha256);
 
  private:
@@ -33,8 +33,8 @@ class VerifiedFile {
   proto::Expected<void> written_;  ///< the first write that failed
 };
 
-/// Whether a result's name is a plain file name that can't leave its folder: letters, digits, '.',
-/// '_' and '-', not starting with '.', at most 128.
+/// Returns whether a result's name is a plain file name that can't leave its folder: at most 128
+/// letters, digits, '.', '_' and '-', not starting with '.'.
 bool is_plain_name(std::string_view);
 
 }  // namespace kiln::clients

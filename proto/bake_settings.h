@@ -15,38 +15,38 @@ namespace kiln::proto {
 /// published JSON Schema and the documentation share.
 
 enum class Unwrap {
-  kAuto,      ///< TEXCOORD_1 where it is valid for a lightmap, otherwise unwrap
-  kExisting,  ///< TEXCOORD_1 or the error `invalid_lightmap_uv`
-  kAlways,    ///< ignore TEXCOORD_1
+  kAuto,      ///< use TEXCOORD_1 where it is valid for a lightmap, otherwise unwrap
+  kExisting,  ///< use TEXCOORD_1, or fail with `invalid_lightmap_uv`
+  kAlways,    ///< ignore TEXCOORD_1 and unwrap
 };
 
 struct AtlasSettings {
   static constexpr std::uint32_t kMostPageSize = 16384, kMostPages = 64;
 
   std::uint32_t page_size = 1024;         ///< texels along one side of a page
-  std::uint32_t max_pages = 8;            ///< error `atlas_full` beyond
+  std::uint32_t max_pages = 8;            ///< a scene that needs more is the error `atlas_full`
   std::optional<float> texels_per_metre;  ///< null: the density that fills one page
   Unwrap unwrap = Unwrap::kAuto;
-  std::uint32_t gutter = 4;  ///< empty texels around each chart that we place
+  std::uint32_t gutter = 4;  ///< empty texels around each chart that the baker places
 };
 
-/// Quality by name: each stands for a target error, see target_error().
+/// Names of qualities. Each stands for a target error; see target_error().
 enum class Preset { kDraft, kPreview, kProduction, kReference };
 
-/// What a target error is held against.
+/// The figure that must not exceed the target error.
 enum class ErrorMeasure {
-  kPercentile95,  ///< of the texels' relative standard errors, the one that 95 of 100 don't exceed
-  kRms,           ///< root mean square of their standard errors, over the mean of their light
+  kPercentile95,  ///< the relative standard error that 95 of 100 texels don't exceed
+  kRms,           ///< root mean square of the texels' standard errors, over their mean light
 };
 
 struct QualitySettings {
   Preset preset = Preset::kProduction;
   ErrorMeasure measure = ErrorMeasure::kPercentile95;
-  std::optional<float> target_error;  ///< relative; null: that of the preset
-  std::uint32_t max_samples = 4096;   ///< per texel, of each kind, where a target asks for more
+  std::optional<float> target_error;  ///< relative; null: the preset's
+  std::uint32_t max_samples = 4096;   ///< most samples of a kind per texel for a target
 };
 
-/// The relative standard error that a bake samples down to.
+/// Returns the relative standard error that a bake samples down to.
 constexpr float target_error(Preset preset) {
   switch (preset) {
     case Preset::kDraft:
@@ -94,10 +94,10 @@ inline constexpr std::array kLayerNames{
     Word{"samples", "R directions, G shadow rays at most, B 0."},
 };
 
-/// Which rays are traced together, sixteen at a time (gather).
+/// Selects the rays that are traced together, sixteen at a time (gather).
 enum class RayPattern { kAuto, kTile, kBlock, kStrata, kIncoherent };
 
-/// Techniques that lower the error at equal time and can be left out to see by how much (gather).
+/// Techniques that lower the error at equal time. Each can be left out to see by how much (gather).
 enum class Technique { kLowDiscrepancy, kClosedForm, kLightImportance, kShadowProbes };
 
 struct SolverSettings {
@@ -107,8 +107,8 @@ struct SolverSettings {
   std::optional<std::uint32_t> samples;
   /// Shadow rays per texel towards area lights (gather); null: as many as the quality asks for.
   std::optional<std::uint32_t> direct_samples;
-  std::uint32_t hit_memory_mib = 1024;  ///< for remembered hits (gather)
-  bool coarse_indirect = true;          ///< gather every second texel, interpolate between (gather)
+  std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather)
+  bool coarse_indirect = true;  ///< gather every second texel and interpolate between them (gather)
   RayPattern ray_pattern = RayPattern::kAuto;
   float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
   std::uint64_t seed = 1;    ///< below 2^53, so that JSON keeps it
@@ -121,25 +121,27 @@ struct SolverSettings {
 
 struct SkySettings {
   std::array<float, 3> radiance{0, 0, 0};  ///< cd/m2, the same in every direction
-  std::optional<std::string> map;          ///< name of a side file, equirectangular; adds to it
-  float scale = 1;                         ///< cd/m2 for a map's value of 1
-  float rotation = 0;                      ///< deg about +Y, of the map
+  std::optional<std::string>
+      map;             ///< name of an equirectangular side file; its light adds to radiance
+  float scale = 1;     ///< cd/m2 for a map's value of 1
+  float rotation = 0;  ///< degrees by which the map is turned about +Y
 };
 
 enum class LightType { kDirectional, kPoint, kSpot, kRect };
 
-/// A light beside those of the glTF. World space, metres, glTF axes (+Y up).
+/// A light beside those of the glTF. Coordinates are world space in meters, with glTF axes (+Y up).
 struct LightSettings {
   LightType type = LightType::kPoint;
-  std::array<float, 3> color{1, 1, 1};       ///< linear Rec. 709
-  float intensity = 1;                       ///< lx, cd, cd, cd/m2 by type
-  std::array<float, 3> position{0, 0, 0};    ///< not used by directional
-  std::array<float, 3> direction{0, -1, 0};  ///< where the light goes; not used by point
-  std::optional<float> range;                ///< m, point and spot; null: unlimited
-  float inner_cone_angle = 0;                ///< rad, spot
-  float outer_cone_angle = 0.7853982f;       ///< rad, spot
-  float width = 1;                           ///< m, rect
-  float height = 1;                          ///< m, rect
+  std::array<float, 3> color{1, 1, 1};     ///< linear Rec. 709
+  float intensity = 1;                     ///< lx, cd, cd, cd/m2 by type
+  std::array<float, 3> position{0, 0, 0};  ///< not used by directional
+  std::array<float, 3> direction{
+      0, -1, 0};               ///< the direction in which the light travels; not used by point
+  std::optional<float> range;  ///< m, point and spot; null: unlimited
+  float inner_cone_angle = 0;  ///< rad, spot
+  float outer_cone_angle = 0.7853982f;  ///< rad, spot
+  float width = 1;                      ///< m, rect
+  float height = 1;                     ///< m, rect
 };
 
 struct PostSettings {

@@ -7,12 +7,13 @@
 
 namespace kiln::proto {
 
-/// One place that is wrong. `source` says what the pointer points into: "scene" (the glTF
-/// document), "settings" (the settings object) or "request" (headers, query, multipart parts).
+/// One place in the input that is wrong. `source` says which document the pointer points into:
+/// "scene" (the glTF document), "settings" (the settings object) or "request" (headers, query,
+/// multipart parts).
 struct ErrorDetail {
   std::string source;
   std::string pointer;  ///< JSON pointer (RFC 6901), "" for the whole document
-  std::string detail;   ///< what was found there and what was expected
+  std::string detail;   ///< says what was found there and what was expected
 };
 
 /// An expected failure: bad input, a limit, a cancellation. Bugs are exceptions, not Errors.
@@ -26,7 +27,7 @@ template <class T>
 using Expected = tl::expected<T, Error>;
 using Unexpected = tl::unexpected<Error>;
 
-/// An error with one place.
+/// Makes an error with one place.
 inline Unexpected fail(std::string code, std::string message, std::string source,
                        std::string pointer) {
   Error e{std::move(code), message, {}};
@@ -34,12 +35,12 @@ inline Unexpected fail(std::string code, std::string message, std::string source
   return Unexpected(std::move(e));
 }
 
-/// An error that no field is to blame for.
+/// Makes an error without a place, when no field is at fault.
 inline Unexpected fail(std::string code, std::string message) {
   return Unexpected(Error{std::move(code), std::move(message), {}});
 }
 
-/// Code of a job or stage that was told to stop.
+/// The error code of a job or stage that a stop request ended.
 inline constexpr const char* kCanceledCode = "canceled";
 
 }  // namespace kiln::proto

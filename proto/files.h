@@ -32,11 +32,11 @@ class Fd {
   int fd_ = -1;
 };
 
-/// A file that takes a stream of bytes and knows their hash. Short pieces are collected, 16 KiB at
-/// most: thousands of files may be open. Deletes the file unless finish() was called.
+/// Writes a stream of bytes to a file and hashes them. It collects short pieces, 16 KiB at most:
+/// thousands of files may be open. The destructor deletes the file unless finish() was called.
 class HashingFile {
  public:
-  /// The file must not exist yet. Errors: `storage_full`, `io_error`.
+  /// Creates the file, which must not exist yet. Errors: `storage_full`, `io_error`.
   static Expected<HashingFile> create(const std::filesystem::path&, mode_t mode = 0600);
   HashingFile(HashingFile&&) noexcept = default;
   HashingFile& operator=(HashingFile&&) noexcept = delete;
@@ -60,37 +60,39 @@ class HashingFile {
   std::uint64_t bytes_ = 0;
 };
 
-/// The error for the current errno: `storage_full` when the disk or quota is, else `io_error`.
+/// Returns the error for the current errno: `storage_full` when the disk or quota is full, else
+/// `io_error`.
 Unexpected storage_error(std::string_view doing, const std::filesystem::path&);
 
-/// Writes all of the bytes; `path` is for the message. Errors: `storage_full`, `io_error`.
+/// Writes all of the bytes. The path appears in messages. Errors: `storage_full`, `io_error`.
 Expected<void> write_all(int fd, std::string_view bytes, const std::filesystem::path&);
 
-/// Makes a folder's entries survive power loss; "" is the current folder.
+/// Makes a folder's entries survive power loss. "" is the current folder.
 Expected<void> sync_folder(const std::filesystem::path&);
 /// Makes a file's content, or a whole tree's, survive power loss.
 Expected<void> sync_file(const std::filesystem::path&);
 Expected<void> sync_tree(const std::filesystem::path&);
 
-/// Writes a file so that its name shows the whole content or nothing, through a crash or power loss
-/// too: `write` fills a temporary beside it, ".<name>.part", which is flushed to the disk and then
-/// renamed. A failed temporary is removed. Errors: those of `write`, `storage_full`, `io_error`.
+/// Writes a file so that its name shows the whole content or nothing, even after a crash or power
+/// loss. `write` fills a temporary beside it, ".<name>.part", which is flushed to the disk and then
+/// renamed. A temporary is removed when writing fails. Errors: those of `write`, `storage_full`,
+/// `io_error`.
 Expected<void> write_whole(
     const std::filesystem::path& target,
     const std::function<Expected<void>(const std::filesystem::path& temporary)>& write);
 
-/// write_whole() of these bytes.
+/// Writes these bytes by write_whole().
 Expected<void> write_bytes(const std::filesystem::path& target, std::string_view bytes);
 
-/// The whole content. Errors: `io_error`, and `limit_exceeded` beyond `max_bytes`.
+/// Reads a whole file. Errors: `io_error`, and `limit_exceeded` when it has more than `max_bytes`.
 Expected<std::string> read_file(const std::filesystem::path&, std::uint64_t max_bytes);
 
-/// Size and SHA-256 of a file.
+/// The size and SHA-256 of a file.
 struct FileDigest {
   std::uint64_t bytes = 0;
   std::string sha256;
 };
-/// Read in pieces. Errors: `io_error`.
+/// Reads a file in pieces and digests it. Errors: `io_error`.
 Expected<FileDigest> digest_file(const std::filesystem::path&);
 
 }  // namespace kiln::proto

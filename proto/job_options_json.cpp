@@ -24,7 +24,7 @@ bool is_label_value(const std::string& value) {
          std::none_of(value.begin(), value.end(), [](unsigned char c) { return c < 0x20; });
 }
 
-/// Reads the members that options and patches share, and notes what is wrong with them.
+/// Reads the members that options and patches share, and collects what is wrong with them.
 class OptionReader {
  public:
   explicit OptionReader(const json& doc) : doc_(doc) {
@@ -53,7 +53,7 @@ class OptionReader {
     return std::nullopt;
   }
 
-  /// `null_allowed`: as in a patch, where it takes a label away.
+  /// Reads the labels. `null_allowed` is set for a patch, where null removes a label.
   std::map<std::string, std::optional<std::string>> labels(bool null_allowed) {
     std::map<std::string, std::optional<std::string>> out;
     const json* all = find("labels");
@@ -154,7 +154,8 @@ json to_json(const JobOptions& o) {
            {"labels", o.labels},
            {"ttl_seconds", o.ttl_seconds ? json(*o.ttl_seconds) : json(nullptr)},
            {"dedupe", o.dedupe}};
-  // Left out when there is none: idempotency keys of older versions go by this text.
+  // A job without a webhook has no such member, because idempotency keys of older versions depend
+  // on this text.
   if (o.webhook) out["webhook"] = to_json(*o.webhook);
   return out;
 }

@@ -12,8 +12,8 @@
 #include "proto/json_values.h"
 #include "proto/problem_list.h"
 
-/// For proto's own .cpp files: reads members of one object and notes those that are missing or of
-/// the wrong type.
+/// Reads members of one JSON object, and collects those that are missing or of the wrong type. It
+/// is for proto's own .cpp files.
 namespace kiln::proto {
 
 class JsonReader {
@@ -29,7 +29,7 @@ class JsonReader {
   void read(const char* key, std::uint32_t& out) { integer(key, out); }
   void read(const char* key, std::uint64_t& out) { integer(key, out); }
 
-  /// null is "".
+  /// Reads a string; null is read as "".
   void read_or_null(const char* key, std::string& out) {
     const auto* value = find(key);
     if (value != nullptr && value->is_null()) return out.clear();
@@ -53,7 +53,7 @@ class JsonReader {
     out = {(*value)[0].get<float>(), (*value)[1].get<float>()};
   }
 
-  /// `one(reader, item)` for each object of a list.
+  /// Calls `one(reader, item)` for each object of a list.
   template <class T, class One>
   void read_list(const char* key, std::vector<T>& out, const One& one) {
     const auto* value = find(key);
@@ -65,14 +65,14 @@ class JsonReader {
     }
   }
 
-  /// A member that is an object.
+  /// Returns a reader for a member that is an object.
   JsonReader child(const char* key) {
     static const nlohmann::json empty = nlohmann::json::object();
     const auto* value = find(key);
     return {value == nullptr ? empty : *value, pointer_of(key), problems_};
   }
 
-  /// The member, or null (and noted) when it is missing.
+  /// Returns the member. When it is missing, adds a problem and returns null.
   const nlohmann::json* find(const char* key) {
     if (!doc_.is_object()) return nullptr;
     const auto at = doc_.find(key);

@@ -21,12 +21,12 @@ struct ResultFile {
 struct PageInfo {
   std::uint32_t width = 0, height = 0;
   std::uint32_t texels = 0;  ///< lit texels
-  std::string exr, preview;  ///< names of the files, "" when not asked for
+  std::string exr, preview;  ///< names of the files; "" when they were not asked for
   float preview_exposure = 0;
   float max_lx = 0;
 };
 
-/// Where one glTF node's mesh lies in the atlas: uv_page = uv_lightmap * scale + offset, where
+/// The place of one glTF node's mesh in the atlas: uv_page = uv_lightmap * scale + offset, where
 /// uv_lightmap is the source's TEXCOORD_1 ("texcoord_1") or lit.glb's own ("unwrapped": scale 1,
 /// offset 0).
 struct NodePlacement {
@@ -35,17 +35,18 @@ struct NodePlacement {
   std::uint32_t page = 0;
   std::array<float, 2> scale{1, 1}, offset{0, 0};
   std::string uv_source;  ///< "texcoord_1" or "unwrapped"
-  std::string reason;     ///< why TEXCOORD_1 was not used, "" when it was
+  std::string reason;     ///< the reason why TEXCOORD_1 was not used; "" when it was
 };
 
 struct PassReport {
   std::string name;         ///< "direct", "bounce", "paths"
   std::uint32_t index = 0;  ///< from 0, over the whole bake
-  double residual = 0;      ///< share by which the pass changed the total; 1 for the first
-  double mean_lx = 0;       ///< area-weighted mean E after the pass
+  double residual = 0;  ///< share by which the pass changed the total light; 1 for the first pass
+  double mean_lx = 0;   ///< area-weighted mean E after the pass
   double seconds = 0;
   std::uint64_t rays = 0;
-  /// Relative, by the measure of the bake's quality settings, once all bounces are there.
+  /// The relative standard error, by the measure of the bake's quality settings. It is set once all
+  /// bounces are done.
   std::optional<double> standard_error;
 };
 
@@ -58,25 +59,25 @@ struct Statistics {
   std::uint64_t triangles = 0, instances = 0, emissive_triangles = 0, punctual_lights = 0;
   std::uint64_t texels = 0, charts = 0, rays = 0;
   std::uint64_t albedo_capped_texels = 0;  ///< texels whose albedo was over 0.98
-  std::uint64_t invalid_texels = 0;        ///< most of their rays met back faces
+  std::uint64_t invalid_texels = 0;        ///< texels most of whose rays met back faces
   double texels_per_metre = 0;
   std::optional<double> standard_error;  ///< see PassReport
-  std::string ray_pattern;  ///< solver.ray_pattern as it was chosen; empty: no rays were gathered
-  double tail_scale = 1;    ///< factor on the last bounce's update for the bounces not computed
-  std::uint64_t memory_estimate_bytes = 0;  ///< stated before the atlas was made
-  std::uint64_t peak_memory_bytes = 0;      ///< of the process; at the end
+  std::string ray_pattern;  ///< the ray pattern that was used; "" when no rays were gathered
+  double tail_scale = 1;    ///< factor on the last update, in place of bounces not computed
+  std::uint64_t memory_estimate_bytes = 0;  ///< the estimate from before the atlas was made
+  std::uint64_t peak_memory_bytes = 0;      ///< the process's peak at the end of the bake
   std::vector<StageReport> stages;
   std::vector<PassReport> passes;
 };
 
-/// Something in the input that was not honored, or was changed.
+/// Something in the input that the bake ignored or changed.
 struct Warning {
   std::string code;     ///< stable: "alpha_ignored", "extension_ignored", ...
-  std::string pointer;  ///< into the glTF, "" when none
+  std::string pointer;  ///< points into the glTF; "" when there is no place
   std::string message;
 };
 
-/// manifest.json: everything that a tool needs to use the result, and to repeat it.
+/// The content of manifest.json: everything that a tool needs to use the result and to repeat it.
 struct Manifest {
   std::string version;       ///< of lightkiln
   std::string scene_sha256;  ///< of the main scene file

@@ -5,7 +5,7 @@
 namespace kiln::proto {
 namespace {
 
-constexpr std::size_t kMaxCompared = 64;  // Longer names are no misspellings of ours.
+constexpr std::size_t kMaxCompared = 64;  // Longer names are no misspellings of known ones.
 
 std::size_t edits(std::string_view a, std::string_view b) {
   std::vector<std::size_t> before(b.size() + 1), last(b.size() + 1), row(b.size() + 1);

@@ -14,7 +14,8 @@ using nlohmann::json;
 constexpr std::size_t kMaxDepth = 64;
 constexpr std::size_t kMaxPointer = 256;
 
-/// The byte at which nesting becomes too deep, or npos. Only brackets outside strings count.
+/// Returns the byte at which nesting becomes too deep, or npos. Only brackets outside strings
+/// count.
 std::size_t too_deep_at(std::string_view text) {
   std::size_t depth = 0;
   bool in_string = false;
@@ -34,8 +35,8 @@ std::size_t too_deep_at(std::string_view text) {
   return std::string_view::npos;
 }
 
-/// The parser's own words name the reason between "column N: " and "; last read", then repeat text
-/// of the document, which may be anything: only the reason is passed on.
+/// Extracts the reason from the parser's message, where it stands between "column N: " and "; last
+/// read". The rest repeats text of the document, which may be anything, so it is dropped.
 std::string reason(std::string_view what) {
   const auto column = what.find(", column ");
   const auto colon = column == std::string_view::npos ? column : what.find(": ", column);
@@ -44,8 +45,8 @@ std::string reason(std::string_view what) {
   return std::string(what.substr(0, what.find("; last read")));
 }
 
-/// Builds the value from parser events. A parser's callback can't do this: it sees a repeated key
-/// only after the first value is lost.
+/// Builds the value from parser events, since a parser's callback sees a repeated key only after
+/// the first value is lost.
 class Builder : public nlohmann::json_sax<json> {
  public:
   json root;
@@ -59,7 +60,7 @@ class Builder : public nlohmann::json_sax<json> {
   bool number_unsigned(std::uint64_t v) override { return put(v) != nullptr; }
   bool number_float(double v, const std::string&) override { return put(v) != nullptr; }
   bool string(std::string& v) override { return put(std::move(v)) != nullptr; }
-  bool binary(json::binary_t&) override { return false; }  // Not in text.
+  bool binary(json::binary_t&) override { return false; }  // Binary values don't occur in text.
   bool start_object(std::size_t) override { return open(json::object()); }
   bool start_array(std::size_t) override { return open(json::array()); }
   bool end_object() override { return close(); }
@@ -79,7 +80,7 @@ class Builder : public nlohmann::json_sax<json> {
   }
 
  private:
-  // Addresses stay valid: an array grows only when none of its items is open.
+  // The addresses stay valid, since an array grows only when none of its items is open.
   std::vector<json*> open_;
   std::vector<std::string> path_;
   std::string key_;
@@ -134,7 +135,7 @@ Expected<json> parse_json(std::string_view text, std::string_view source) {
   if (!builder.duplicate.empty()) {
     const bool long_key = builder.duplicate.size() > kMaxPointer;
     return invalid(long_key ? "" : builder.duplicate,
-                   "the key at " + brief(builder.duplicate, kMaxPointer) + " is there twice");
+                   "the key at " + brief(builder.duplicate, kMaxPointer) + " occurs twice");
   }
   return invalid("", "not valid JSON at " + line_and_column(text, builder.error_byte) + ": " +
                          builder.error_text);

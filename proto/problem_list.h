@@ -7,8 +7,8 @@
 
 namespace kiln::proto {
 
-/// Collects what is wrong with a document, so that all of it is told at once. A hostile document
-/// can't make it large: places beyond kMaxPlaces are only counted.
+/// Collects the problems of a document, so that one error reports them all. A hostile document
+/// can't make the list large: places beyond kMaxPlaces are only counted.
 class ProblemList {
  public:
   static constexpr std::size_t kMaxPlaces = 64;
@@ -17,7 +17,7 @@ class ProblemList {
 
   void add(std::string pointer, std::string detail);
   bool empty() const { return count_ == 0; }
-  /// The error with all places; requires !empty().
+  /// Returns the error with all places. Requires !empty().
   Error error(std::string code) &&;
 
  private:

@@ -5,17 +5,17 @@
 
 namespace kiln::proto {
 
-/// What an error code means to an HTTP client.
+/// The meaning of an error code for an HTTP client.
 struct ProblemKind {
   std::string_view code;
   int status;
   std::string_view title;
 };
 
-/// All codes that leave the service, in alphabetical order.
+/// Returns all codes that leave the service, in alphabetical order.
 const std::vector<ProblemKind>& problem_kinds();
 
-/// The kind of a code; for one that is not in the table the kind of `internal`.
+/// Returns the kind of a code, or the kind of `internal` for a code that is not in the table.
 const ProblemKind& problem_kind(std::string_view code);
 
 }  // namespace kiln::proto

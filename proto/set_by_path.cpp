@@ -27,7 +27,8 @@ std::vector<std::string> split(std::string_view text, char at) {
   }
 }
 
-/// Letters first, then what names and lists of names are made of.
+/// Returns whether the text is a bare word or a list of them: a letter, then only characters of
+/// names and lists.
 bool is_bare(std::string_view text) {
   if (text.empty() || std::isalpha(static_cast<unsigned char>(text.front())) == 0) return false;
   return std::all_of(text.begin(), text.end(), [](unsigned char c) {
@@ -42,8 +43,8 @@ bool is_of_kind(std::string_view path, ValueKind kind) {
   });
 }
 
-/// JSON, or a bare word; for settings that are lists of words also "exr,png", and for those that
-/// are texts any other text.
+/// Reads a value: JSON or a bare word. A setting that is a list of words also takes "exr,png", and
+/// a setting that is a text takes any other text.
 Expected<json> value_of(std::string_view path, std::string_view text, std::string_view assignment) {
   auto value = parse_json(text, "settings");
   if (is_of_kind(path, ValueKind::kText)) {
@@ -62,7 +63,8 @@ bool is_index(const std::string& token) {
                      [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
-/// The child that a token names, made when it is not there; null when it can't be.
+/// Returns the child that a token names. It is created when missing; the result is null when that
+/// is impossible.
 json* step(json& parent, const std::string& token) {
   if (parent.is_null()) parent = is_index(token) ? json::array() : json::object();
   if (parent.is_object()) return &parent[token];
@@ -85,7 +87,7 @@ Expected<void> set_by_path(json& settings, std::string_view assignment) {
   auto value = value_of(path, assignment.substr(equals + 1), assignment);
   if (!value) return Unexpected(std::move(value.error()));
 
-  json changed = settings;  // A failed assignment leaves nothing half made.
+  json changed = settings;  // so that a failed assignment changes nothing
   json* at = &changed;
   for (const auto& token : tokens) {
     if (token.empty()) return bad(assignment, "the name has an empty part");

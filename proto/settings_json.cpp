@@ -12,9 +12,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMaxKey = 128;  // Longer keys are named by their parent's pointer.
+constexpr std::size_t kMaxKey = 128;  // the error for a longer key points to its parent
 
-/// Rows of one group without the group's name, or top-level rows for the group "".
+/// Returns the rows of one group without the group's name, or the top-level rows for the group "".
 template <class Owner>
 std::vector<std::pair<std::string_view, const SettingRow<Owner>*>> rows_of(
     std::string_view group, const std::vector<SettingRow<Owner>>& rows) {
@@ -42,7 +42,7 @@ void unknown_key(const std::string& parent, const std::string& key,
                "unknown setting \"" + brief(key) + "\"" + name_hint(key, known));
 }
 
-/// Reads one key of an object by the rows; false when none of them has that name.
+/// Reads one key of an object by the rows. Returns false when no row has that name.
 template <class Owner, class Rows>
 bool read_key(const Rows& rows, const std::string& pointer, const std::string& key,
               const json& value, Owner& out, ProblemList& problems) {
@@ -75,7 +75,7 @@ bool uses(const SettingSpec& spec, LightType type) {
   return (spec.used_by >> static_cast<std::uint32_t>(type) & 1u) != 0;
 }
 
-/// Keys that a light of this type may have.
+/// Returns the keys that a light of this type may have.
 std::vector<std::string_view> keys_of(LightType type) {
   std::vector<std::string_view> keys;
   for (const auto& row : light_rows())
@@ -170,7 +170,8 @@ json lights_schema() {
     kinds.push_back(light_schema(t));
   return {{"type", "array"},
           {"description",
-           "Lights beside those of the scene. World space, metres, +Y up. inner_cone_angle may not "
+           "Lights beside those of the scene. Coordinates are world space in meters, +Y up. "
+           "inner_cone_angle may not "
            "be more than outer_cone_angle."},
           {"default", json::array()},
           {"maxItems", kMaxLights},

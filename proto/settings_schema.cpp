@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-/// The numbers of a range in words: 16384, 0.001, 9007199254740991.
+/// Returns a number of a range as text: 16384, 0.001, 9007199254740991.
 std::string number_text(double v) {
   if (v == std::floor(v) && std::abs(v) < 1e16) return std::to_string(static_cast<std::int64_t>(v));
   return json(v).dump();
@@ -65,7 +65,7 @@ bool is_text(const SettingSpec& s, const json& v) {
   if (!v.is_string()) return false;
   const auto& text = v.get_ref<const std::string&>();
   const auto characters = std::count_if(text.begin(), text.end(), [](char c) {
-    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;  // not one that goes on with another
+    return (static_cast<unsigned char>(c) & 0xc0) != 0x80;  // not a continuation byte of UTF-8
   });
   return characters >= 1 && double(characters) <= s.max;
 }

@@ -10,7 +10,7 @@
 #include "proto/bake_settings.h"
 
 /// The one table of settings. The parser, the echo, the published JSON Schema and the documentation
-/// are all made from it; a range is written down nowhere else.
+/// all come from it; a range is written down nowhere else.
 namespace kiln::proto {
 
 enum class ValueKind {
@@ -30,16 +30,16 @@ inline constexpr double kShortest = 1e-6;
 /// Upper limit on `lights`.
 inline constexpr std::size_t kMaxLights = 10'000;
 
-/// What a value may be.
+/// The specification of a setting's value.
 struct SettingSpec {
   std::string_view path = {};  ///< "solver.bounces"; for lights the plain key
   ValueKind kind = ValueKind::kNumber;
-  double min = 0, max = 0;  ///< inclusive; of numbers, vector components and lengths
-  bool nullable = false;    ///< null: chosen by the baker
+  double min = 0, max = 0;  ///< inclusive limits of numbers, vector components and lengths
+  bool nullable = false;    ///< null is allowed: the baker chooses
   std::vector<std::string_view> choices = {};
   std::string_view unit = {};  ///< "" for counts and ratios
   std::string_view description = {};
-  std::uint32_t used_by = ~0u;  ///< lights: bit 1 << LightType of each type that has the key
+  std::uint32_t used_by = ~0u;  ///< for lights: bit 1 << LightType of each type that has the key
 };
 
 /// A row of the table: the specification, and where the value lives in `Owner`.
@@ -47,11 +47,11 @@ template <class Owner>
 struct SettingRow {
   SettingSpec spec;
   nlohmann::json (*read)(const Owner&, const SettingSpec&);
-  /// Requires a value that check_value() found nothing wrong with.
+  /// Writes the value to its owner. Requires a value that check_value() accepts.
   void (*write)(Owner&, const nlohmann::json&, const SettingSpec&);
 };
 
-/// A group of settings ("solver") and what it is about.
+/// A group of settings ("solver") and its description.
 struct SettingGroup {
   std::string_view name, description;
 };
@@ -60,13 +60,13 @@ const std::vector<SettingGroup>& setting_groups();
 const std::vector<SettingRow<BakeSettings>>& setting_rows();
 const std::vector<SettingRow<LightSettings>>& light_rows();  ///< the first one is `type`
 
-/// What is wrong with the value, in words for a person; nothing when it is fine.
+/// Returns what is wrong with the value, in words for a person, or nothing when it is valid.
 std::optional<std::string> check_value(const SettingSpec&, const nlohmann::json&);
 
-/// "an integer from 0 to 64", "one of \"gather\", \"path\"", ...
+/// Returns the valid values in words: "an integer from 0 to 64", "one of \"gather\", \"path\"", ...
 std::string expectation(const SettingSpec&);
 
-/// JSON Schema of one value, without its default.
+/// Returns the JSON Schema of one value, without its default.
 nlohmann::json value_schema(const SettingSpec&);
 
 }  // namespace kiln::proto

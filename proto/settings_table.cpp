@@ -11,7 +11,7 @@ namespace {
 using nlohmann::json;
 using enum ValueKind;
 
-// A member's value as JSON, and back
+// Conversion of a member's value to JSON and back
 // ---------------------------------------------------------------
 
 template <class Enum>
@@ -67,7 +67,7 @@ void from_value(T& out, const json& v, const SettingSpec& spec) {
   }
 }
 
-/// A row, from its specification and a function that names the member.
+/// Makes a row from its specification and a function that names the member.
 template <class Owner, auto Member>
 SettingRow<Owner> bind(SettingSpec spec) {
   return {std::move(spec),
@@ -113,12 +113,12 @@ constexpr std::uint32_t kAimed =
 
 const std::vector<SettingGroup>& setting_groups() {
   static const std::vector<SettingGroup> groups{
-      {"atlas", "Where the surfaces lie on the lightmap's pages"},
-      {"quality", "How exact the light shall be"},
-      {"solver", "How light is computed"},
+      {"atlas", "Layout of the surfaces on the lightmap's pages"},
+      {"quality", "Accuracy of the light"},
+      {"solver", "Computation of the light"},
       {"sky", "Light from outside the scene"},
-      {"post", "What happens to a finished page"},
-      {"output", "Which files are written"},
+      {"post", "Changes to a finished page"},
+      {"output", "Files to write"},
   };
   return groups;
 }
@@ -158,20 +158,21 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.quality.target_error; }>(
           {.path = "quality.target_error", .kind = kNumber, .min = 0.0005, .max = 1,
            .nullable = true,
-           .description = "Standard error of the light, relative, that the lightmap shall not exceed "
-                          "by quality.measure. Samples are doubled where it is too high. null: that "
-                          "of the preset."}),
+           .description = "Relative standard error that the light must not exceed, by "
+                          "quality.measure. Samples are doubled where it is too high. null: the "
+                          "preset's."}),
       row<[](auto& s) -> auto& { return s.quality.measure; }>(
           {.path = "quality.measure", .kind = kChoice, .choices = {"percentile_95", "rms"},
-           .description = "How target_error is meant. percentile_95: of each texel's luminance, "
-                          "relative to the luminance plus 2 % of the scene's mean; 95 of 100 texels "
-                          "shall not exceed it. rms: root mean square over all texels, over their "
-                          "mean luminance (normalised RMSE); samples go to where they lower it most "
-                          "for their time, so the dark may stay noisier."}),
+           .description = "The figure that target_error limits. percentile_95: the standard error of "
+                          "a texel's luminance, relative to the luminance plus 2 % of the scene's "
+                          "mean; 95 of 100 texels must not exceed the target. rms: the root mean "
+                          "square over all texels, over their mean luminance (normalized RMSE); "
+                          "samples go where they lower it most for their time, so dark texels may "
+                          "stay noisier."}),
       row<[](auto& s) -> auto& { return s.quality.max_samples; }>(
           {.path = "quality.max_samples", .kind = kInteger, .min = 1, .max = 65536,
            .unit = "samples/texel",
-           .description = "Limit on directions, and on shadow rays, that target_error may ask for."}),
+           .description = "The most directions, and the most shadow rays, that target_error may ask for."}),
       row<[](auto& s) -> auto& { return s.solver.method; }>(
           {.path = "solver.method", .kind = kChoice, .choices = names_of(kMethodNames),
            .description = methods}),
@@ -192,18 +193,18 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
            .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
-                          "need no rays (gather). Where it can't hold those of all samples, fewer "
-                          "feed the bounces, and the rest are followed once at the end."}),
+                          "need no rays (gather). Where it can't hold the hits of all samples, fewer "
+                          "samples feed the bounces, and the rest are traced once at the end."}),
       row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
           {.path = "solver.coarse_indirect", .kind = kBoolean,
            .description = "Gather indirect light at every second texel of a row and of a column, and "
-                          "interpolate where those around a texel agree within 6 %; the others are "
-                          "gathered too (gather). Without effect where target_error is below 0.008 "
-                          "and samples is null: interpolation would be seen."}),
+                          "interpolate where those around a texel agree within 6 %; the other texels "
+                          "are gathered too (gather). It has no effect where target_error is below "
+                          "0.008 and samples is null, since interpolation would be visible."}),
       row<[](auto& s) -> auto& { return s.solver.ray_pattern; }>(
           {.path = "solver.ray_pattern", .kind = kChoice,
            .choices = {"auto", "tile", "block", "strata", "incoherent"},
-           .description = "Which rays are traced together, sixteen at a time (gather). tile: one "
+           .description = "Rays that are traced together, sixteen at a time (gather). tile: one "
                           "direction from up to 16 texels near to each other. block: four directions "
                           "near to each other from four texels. strata: 16 directions near to each "
                           "other from one texel. incoherent: 16 directions all over the hemisphere of "
@@ -211,7 +212,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "
-                          "share. 0: never before the limit."}),
+                          "share. 0: only at the limit on bounces."}),
       row<[](auto& s) -> auto& { return s.solver.seed; }>(
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
@@ -220,7 +221,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "solver.without", .kind = kChoices,
            .choices = {"low_discrepancy", "closed_form", "light_importance", "shadow_probes"},
            .description = "Techniques to leave out, to see what each is worth (gather; path has none of "
-                          "them). The light stays the same but for noise, and for the little that "
+                          "them). The light stays the same except for noise, and for the little that "
                           "shadow_probes miss. low_discrepancy: random points instead of a "
                           "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
                           "textured ones are. light_importance: one of many lights is drawn by its "
@@ -233,14 +234,14 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "sky.map", .kind = kText, .max = 1024, .nullable = true,
            .description = "Name of a side file of the scene, OpenEXR, Radiance HDR or TIFF: the sky by "
                           "direction, which adds to radiance. Equirectangular, twice as wide as high: "
-                          "the top row is +Y; the centre is seen along +X, what is right of it along "
-                          "+Z. A pixel has one radiance all over. null: none."}),
+                          "the top row is +Y; the center is seen along +X, the middle of the right "
+                          "half along +Z. The radiance is constant over a pixel. null: no map."}),
       row<[](auto& s) -> auto& { return s.sky.scale; }>(
           {.path = "sky.scale", .kind = kNumber, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance where the map's value is 1."}),
       row<[](auto& s) -> auto& { return s.sky.rotation; }>(
           {.path = "sky.rotation", .kind = kNumber, .min = -360, .max = 360, .unit = "degrees",
-           .description = "Turns the map about +Y, counter-clockwise seen from above: at 90 its centre "
+           .description = "Turns the map about +Y, counter-clockwise seen from above: at 90 its center "
                           "is seen along -Z."}),
       row<[](auto& s) -> auto& { return s.allow_dark; }>(
           {.path = "allow_dark", .kind = kBoolean,
@@ -278,7 +279,7 @@ const std::vector<SettingRow<LightSettings>>& light_rows() {
   static const std::vector<SettingRow<LightSettings>> rows{
       light_row<[](auto& l) -> auto& { return l.type; }>(
           {.path = "type", .kind = kChoice, .choices = {"directional", "point", "spot", "rect"},
-           .description = "Kind of light; decides which of the other keys may be there."}),
+           .description = "Kind of light; it decides which of the other keys are allowed."}),
       light_row<[](auto& l) -> auto& { return l.color; }>(
           {.path = "color", .kind = kVector, .min = 0, .max = 1e9,
            .description = "Linear Rec. 709 factor on intensity."}),
@@ -288,7 +289,7 @@ const std::vector<SettingRow<LightSettings>>& light_rows() {
            .description = "Strength of the light."}),
       light_row<[](auto& l) -> auto& { return l.position; }>(
           {.path = "position", .kind = kVector, .min = -1e6, .max = 1e6, .unit = "m",
-           .description = "World position; of a rect its centre.", .used_by = kPlaced}),
+           .description = "World position; for a rect, of its center.", .used_by = kPlaced}),
       light_row<[](auto& l) -> auto& { return l.direction; }>(
           {.path = "direction", .kind = kDirection, .min = -1e6, .max = 1e6,
            .description = "World direction in which the light goes, of any length.",

@@ -7,7 +7,7 @@
 
 namespace kiln::proto {
 
-/// SHA-256 (FIPS 180-4) over bytes as they come.
+/// Computes SHA-256 (FIPS 180-4) over bytes as they arrive.
 class Sha256 {
  public:
   Sha256();
@@ -16,7 +16,7 @@ class Sha256 {
   ~Sha256();
 
   void update(std::string_view bytes);
-  /// Both end the computation.
+  /// Returns the digest. digest() and hex() end the computation.
   std::array<unsigned char, 32> digest();
   std::string hex();  ///< 64 lower-case digits
 
@@ -25,10 +25,10 @@ class Sha256 {
   std::unique_ptr<Context> context_;
 };
 
-/// Digest of bytes in memory.
+/// Returns the SHA-256 of bytes in memory as 64 lower-case digits.
 std::string sha256_hex(std::string_view bytes);
 
-/// Whether `text` is a SHA-256 in lower-case hexadecimal.
+/// Returns whether `text` is a SHA-256 in lower-case hexadecimal.
 bool is_sha256(std::string_view text);
 
 }  // namespace kiln::proto

@@ -13,16 +13,16 @@ namespace kiln::proto {
 
 class ProblemList;
 
-/// The events of a job that can be sent.
+/// The events of a job that a webhook can receive.
 inline constexpr std::array<std::string_view, 4> kWebhookEvents{"job.state", "pass.completed",
                                                                 "result.ready", "job.end"};
 
-/// Where a job's events are sent, as the client said it.
+/// The receiver of a job's events, as the client described it.
 struct Webhook {
   static constexpr std::size_t kMaxUrl = 2048, kMaxSecretRef = 63;
 
   std::string url;                             ///< http or https
-  std::vector<std::string> events{"job.end"};  ///< of kWebhookEvents, each once
+  std::vector<std::string> events{"job.end"};  ///< from kWebhookEvents, each once
   std::string secret_ref;  ///< name of a secret in the service's configuration; "": not signed
 
   bool wants(std::string_view event) const;
@@ -31,7 +31,8 @@ struct Webhook {
 nlohmann::json to_json(const Webhook&);
 /// Errors: `invalid_request`.
 Expected<Webhook> webhook_from_json(const nlohmann::json&);
-/// The same for a member of a larger document: notes what is wrong, with pointers below `pointer`.
+/// Reads a webhook that is a member of a larger document. It adds what is wrong to the list, with
+/// pointers below `pointer`.
 std::optional<Webhook> read_webhook(const nlohmann::json&, const std::string& pointer,
                                     ProblemList&);
 

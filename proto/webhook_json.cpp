@@ -40,7 +40,7 @@ void read_events(const json& value, const std::string& pointer, std::vector<std:
     if (std::find(known.begin(), known.end(), name) == known.end())
       problems.add(place, "unknown event " + brief_value(value[i]) + name_hint(name, known));
     else if (std::find(out.begin(), out.end(), name) != out.end())
-      problems.add(place, brief_value(value[i]) + " is there twice");
+      problems.add(place, brief_value(value[i]) + " occurs twice");
     else
       out.push_back(name);
   }

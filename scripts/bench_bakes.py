@@ -1,13 +1,16 @@
-"""Whole bakes for scripts/bench: ours and Cycles', their seconds and their errors, into bakes.csv.
+"""Makes whole bakes for scripts/bench, with Lightkiln and with Cycles, and writes their seconds and
+errors to bakes.csv.
 
 Errors are nRMSE: the root of the mean square of the difference over texels and channels, over the
-mean of the light. The noise of references is cancelled: with two references r1, r2 that share a
+mean of the light. The noise of references cancels out: with two references r1, r2 that share a
 limit but no noise, mean((x - r1)(x - r2)) is the square of x's distance from that limit.
 
-  nrmse_own     distance from the tool's own limit. Ours: two path-traced bakes. Cycles': the
-                reference of the folder, and the Cycles bake with the most samples (not x itself).
-  nrmse_cycles  ours only: distance from Cycles' limit, which differs where a texel spans many
-                triangles: we take the mean over the texel, Cycles the triangle at its centre.
+  nrmse_own     distance from the tool's own limit. For Lightkiln, two path-traced bakes give it. For
+                Cycles, the reference of the folder and the Cycles bake with the most samples (other
+                than x) do.
+  nrmse_cycles  Lightkiln only: distance from Cycles' limit. It differs where a texel spans many
+                triangles: Lightkiln takes the mean over the texel, Cycles the triangle at its
+                center.
 """
 import argparse
 import csv
@@ -23,10 +26,10 @@ import OpenImageIO as oiio
 
 LIGHTKILN = "build/release/lightkiln"
 SIZE, BOUNCES, THREADS = 256, 8, 2
-SHORT = 3  # s: bakes that take longer are not repeated
+SHORT = 3  # s; longer bakes are not repeated
 GENERATED = ["many_lights", "room_textured"]
-WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder brings scenes of this kind
-# Techniques left out, one at a time; the series "gather" and "filter" have the others.
+WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder has such scenes itself
+# Techniques to leave out, one at a time. The series "gather" and "filter" have all of them.
 ABLATION = {"dense": {"solver.coarse_indirect": False},
             "incoherent": {"solver.ray_pattern": "incoherent"},
             "no_hits": {"solver.hit_memory_mib": 1},
@@ -37,7 +40,7 @@ FIELDS = ["tool", "series", "scene", "setting", "seconds", "cpu_seconds", "solve
 
 
 class Effort:
-    """How much is measured; `quick` is for trying the script, not for figures."""
+    """The amount of work. `quick` tries the script and gives no figures to quote."""
 
     def __init__(self, quick):
         self.gather = [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024]
@@ -50,7 +53,7 @@ class Effort:
 
 
 def ours_settings(effort):
-    """(series, label, settings) of each point of our curves."""
+    """Yields (series, label, settings) of each point of Lightkiln's curves."""
     for n in effort.gather:
         fixed = {"solver.samples": n, "solver.direct_samples": n}
         yield "gather", f"samples {n}", {**fixed, "post.filter": False}
@@ -69,7 +72,7 @@ def ours_settings(effort):
 
 
 def read_exr(path):
-    """(height, width, 4): R, G, B and the coverage."""
+    """Returns an array (height, width, 4): R, G, B and the coverage."""
     image = oiio.ImageInput.open(str(path))
     if not image:
         sys.exit(f"bench: {path}: {oiio.geterror()}")
@@ -83,7 +86,8 @@ def lit(*images):
 
 
 def noise_free_nrmse(x, r1, r2):
-    """See above. Below zero, which noise can make of a very small error, is zero."""
+    """Returns the nRMSE without the references' noise, as described above. Noise can make the square
+    of a very small error negative; that counts as zero."""
     mask = lit(x, r1, r2)
     a, b, c = (i[mask][:, :3] for i in (x, r1, r2))
     square = ((a - b) * (a - c)).mean()
@@ -105,8 +109,8 @@ class Lightkiln:
         self.scene, self.glb, self.work = scene, glb, work
 
     def bake(self, name, settings):
-        """Seconds of the stages atlas and solve, of solve alone, CPU seconds of the whole process;
-        and the image."""
+        """Bakes once. Returns the seconds of the stages atlas and solve, of solve alone, and the CPU
+        seconds of the whole process; and the image."""
         out = self.work / name
         merged = {"atlas.page_size": SIZE, "solver.bounces": BOUNCES, "output.precision": "float",
                   "output.formats": ["exr"], **settings}
@@ -150,7 +154,8 @@ class Lightkiln:
                       noise_free_nrmse(image, r1, r2))
         if keep or only not in (None, "path"):
             return
-        # The references are a point of the path tracer's curve: half of their squared distance.
+        # The references are a point of the path tracer's curve. Half of their squared distance is
+        # its squared error.
         apart = np.sqrt(noise_free_nrmse(r1, r2, r2) ** 2 / 2)
         yield row("lightkiln", "path", self.scene, f"samples {effort.reference}", r1,
                   {k: statistics.median(r[0][k] for r in refs) for k in refs[0][0]}, float(apart))
@@ -177,7 +182,7 @@ def bake_cycles(scenes, work, effort):
         runs = {}
         for n in effort.cycles:
             out = folder / f"cycles_{n}.npy"
-            # A seed of its own for each: runs must not share noise.
+            # Each run gets a seed of its own, since runs must not share noise.
             command = ["blender", "-b", "-P", "scripts/bench_cycles.py", "--", str(glb), str(out),
                        "--size", str(SIZE), "--samples", str(n), "--bounces", str(BOUNCES),
                        "--threads", str(THREADS), "--seed", str(n)]
@@ -195,7 +200,7 @@ def bake_cycles(scenes, work, effort):
 
 
 def compare_with_cycles(rows, folder, work, effort):
-    """Our distance from Cycles' limit. Cycles gives irradiance over pi."""
+    """Adds Lightkiln's distance from Cycles' limit to the rows. Cycles gives irradiance over pi."""
     glbs = dict(folder)
     for r in rows:
         if r["tool"] != "lightkiln" or r["scene"] not in glbs:

@@ -7,10 +7,10 @@ OUT.npy: float32 (size, size, 4), row 0 = v 0: irradiance over pi, and 1 in the 
 a texel was baked. OUT.json: seconds of the bake call alone (scene sync and BVH included, start of
 Blender and import left out), wall and CPU.
 
-What is baked is what Lightkiln bakes: Lambert materials, no denoiser, no clamp, no adaptive
-sampling, no margin, one sample pattern for all. Emitters shine on both sides: that spares Cycles a
-test at every hit, and is right where the back of no lamp can be seen. Faces that are black and emit
-are lamps and are not baked.
+The bake is the same as Lightkiln's: Lambert materials, no denoiser, no clamp, no adaptive sampling,
+no margin, one sample pattern for all. Emitters shine on both sides: that spares Cycles a test at
+every hit, and is right where the back of no lamp is visible. Faces that are black and emit are lamps
+and are not baked.
 """
 import argparse
 import json
@@ -21,7 +21,7 @@ import time
 import bpy
 import numpy as np
 
-np.bool = bool  # Debian's glTF importer uses the name that NumPy 1.24 took away
+np.bool = bool  # Debian's glTF importer uses this name, which NumPy 1.24 removed
 
 
 def arguments():
@@ -38,7 +38,7 @@ def arguments():
 
 def constant(socket):
     if socket.is_linked:
-        sys.exit(f"{socket.name} is textured: this script bakes plain colours only")
+        sys.exit(f"{socket.name} is textured: this script bakes plain colors only")
     return socket.default_value
 
 
@@ -48,18 +48,18 @@ def make_lambert(material, target):
     tree = material.node_tree
     shader = next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None)
     if shader is None:
-        sys.exit(f"material {material.name} is not of the kind that the importer makes")
-    colour = list(constant(shader.inputs["Base Color"]))
+        sys.exit(f"material {material.name} is not one that the importer makes")
+    color = list(constant(shader.inputs["Base Color"]))
     emission = list(constant(shader.inputs["Emission"]))
     strength = constant(shader.inputs["Emission Strength"])
     lit = max(emission[:3]) * strength > 0
-    black = max(colour[:3]) == 0
+    black = max(color[:3]) == 0
     tree.nodes.clear()
     surface = tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"]
     shaders = []
     if not (lit and black):
         diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
-        diffuse.inputs["Color"].default_value = colour
+        diffuse.inputs["Color"].default_value = color
         shaders.append(diffuse.outputs[0])
     if lit:
         glow = tree.nodes.new("ShaderNodeEmission")
@@ -79,7 +79,7 @@ def make_lambert(material, target):
 
 
 def joined(objects):
-    """One object: one sync and one bake call are the fastest way through Blender."""
+    """Joins the meshes into one object, since one sync and one bake call are fastest in Blender."""
     bpy.ops.object.select_all(action="DESELECT")
     for o in objects:
         o.select_set(True)

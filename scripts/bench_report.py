@@ -1,4 +1,4 @@
-"""Draws what scripts/bench measured: plots and bakes.csv into the docs folder, and the tables of
+"""Draws the results of scripts/bench: plots and bakes.csv into the docs folder, and the tables of
 performance.md between their marks `<!-- bench: NAME -->` and `<!-- end -->`."""
 import argparse
 import csv
@@ -8,7 +8,7 @@ import re
 import shutil
 from pathlib import Path
 
-COLOURS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter": "#1e8449",
+COLORS = {"cycles": "#c0392b", "path": "#7f8c8d", "gather": "#1f6fb2", "filter": "#1e8449",
            "rms": "#d68910", "rms_filter": "#17a589", "presets": "#8e44ad"}
 NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, gather, no filter",
          "filter": "Lightkiln, gather",
@@ -16,7 +16,7 @@ NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, ga
          "presets": "Lightkiln, presets"}
 BOUNCES_AT = {"cornell": "256²", "cornell_geom": "1024²"}  # pages of the bounces benchmark
 TARGETS = [0.05, 0.02, 0.01]
-# What a curve leaves out that "filter" has.
+# The technique that a curve leaves out and "filter" has.
 ABLATION = {"gather": "the filter", "dense": "interpolation between every second texel",
             "incoherent": "packets of rays that stay together", "no_hits": "remembered hits",
             "low_discrepancy": "low-discrepancy points", "closed_form": "lamps in closed form",
@@ -39,11 +39,11 @@ def curve(rows, scene, series, time="seconds", error="nrmse_own"):
 
 
 def seconds_to(points, error):
-    """Seconds at which a curve comes down to `error`, along straight lines of the log-log plot, and
-    whether it had to be prolonged beyond its last point. None where it never does."""
+    """Returns the seconds at which a curve comes down to `error`, along straight lines of the log-log
+    plot, and whether the curve was extended beyond its last point. Returns None where it never does."""
     logs = [(math.log(t), math.log(e)) for t, e in points]
     goal = math.log(error)
-    # The last crossing: from there on the error stays below.
+    # This is the last crossing: from there on the error stays below.
     for (t0, e0), (t1, e1) in reversed(list(zip(logs, logs[1:]))):
         if e0 >= goal >= e1 and e0 > e1:
             return math.exp(t0 + (t1 - t0) * (e0 - goal) / (e0 - e1)), False
@@ -51,7 +51,7 @@ def seconds_to(points, error):
         return (points[0][0], False) if points else None
     (t0, e0), (t1, e1) = logs[0], logs[-1]
     slope = (e1 - e0) / (t1 - t0)
-    # A curve that has nearly stopped falling has reached its bias: prolonging it means nothing.
+    # A curve that has nearly stopped falling has reached its bias, so extending it means nothing.
     (ta, ea), (tb, eb) = logs[-2:]
     if slope >= 0 or (eb - ea) / (tb - ta) > slope / 2:
         return None
@@ -61,7 +61,7 @@ def seconds_to(points, error):
 # --- the plot -------------------------------------------------------------------------------------
 
 class Axes:
-    """A log-log frame. Positions in pixels."""
+    """A log-log frame. Positions are in pixels."""
     left, top, width, height = 70, 40, 560, 360
 
     def __init__(self, points):
@@ -75,13 +75,13 @@ class Axes:
         return self.left + fx * self.width, self.top + (1 - fy) * self.height
 
 
-def text(x, y, words, anchor="start", size=13, colour="#333"):
+def text(x, y, words, anchor="start", size=13, color="#333"):
     return (f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" '
-            f'fill="{colour}">{words}</text>')
+            f'fill="{color}">{words}</text>')
 
 
-def line(x0, y0, x1, y1, colour, width=1.0):
-    return (f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" stroke="{colour}" '
+def line(x0, y0, x1, y1, color, width=1.0):
+    return (f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" stroke="{color}" '
             f'stroke-width="{width}"/>')
 
 
@@ -101,20 +101,20 @@ def grid(axes):
 
 
 def plot(title, curves):
-    """SVG text. curves: (series, [(seconds, error)])."""
+    """Returns the plot as SVG text. curves: (series, [(seconds, error)])."""
     axes = Axes([p for _, points in curves for p in points])
     parts = ['<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 660 460" '
              'font-family="sans-serif">', '<rect width="660" height="460" fill="white"/>',
              text(axes.left, 24, title, size=15)] + grid(axes)
     for i, (series, points) in enumerate(curves):
-        colour = COLOURS[series]
+        color = COLORS[series]
         places = [axes.at(t, 100 * e) for t, e in points]
-        parts.append(f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="' +
+        parts.append(f'<polyline fill="none" stroke="{color}" stroke-width="2" points="' +
                      " ".join(f"{x:.1f},{y:.1f}" for x, y in places) + '"/>')
-        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="{colour}"/>'
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="{color}"/>'
                   for x, y in places]
         y = axes.top + 20 + 18 * i
-        parts += [line(axes.left + 350, y - 4, axes.left + 375, y - 4, colour, 3),
+        parts += [line(axes.left + 350, y - 4, axes.left + 375, y - 4, color, 3),
                   text(axes.left + 382, y, NAMES[series])]
     parts += [text(axes.left + axes.width / 2, 452, "CPU seconds of the bake", "middle"),
               "</svg>"]
@@ -140,13 +140,14 @@ def seconds(value):
 
 
 def quiet(rows):
-    """Whether wall time means something: one session, begun on an idle machine."""
+    """Returns whether wall time means something: all rows come from one session, begun on an idle
+    machine."""
     labels = {r["session"] for r in rows}
     return len(labels) == 1 and float(labels.pop().rsplit(" ", 1)[1]) < 1
 
 
 def factors(rows, time):
-    """Time to equal error, ours against Cycles'."""
+    """Returns the table of time to equal error, Lightkiln against Cycles."""
     out = []
     for scene in scenes(rows):
         for series in ("gather", "filter", "rms", "rms_filter", "presets"):
@@ -164,7 +165,7 @@ def factors(rows, time):
 
 
 def ablation(rows):
-    """CPU time to equal error with one technique left out, over that with all of them."""
+    """Returns the table of CPU time to equal error with one technique left out, over that with all."""
     out = []
     for scene in scenes(rows):
         for goal in (0.02, 0.01):
@@ -181,7 +182,8 @@ def ablation(rows):
 
 
 def slopes(rows):
-    """Power of the samples by which the error falls, by least squares over the curves' logarithms."""
+    """Returns the table of the powers of the samples by which the error falls, by least squares over
+    the curves' logarithms."""
     found = []
     for scene in scenes(rows):
         for series in ("gather", "filter"):
@@ -262,7 +264,7 @@ def kernel_tables(path):
 
 
 def machine():
-    """What the figures were taken on."""
+    """Describes the machine that gave the figures."""
     def first(path, pattern):
         found = re.search(pattern, Path(path).read_text(), re.M)
         return found.group(1).strip() if found else "unknown"

@@ -13,11 +13,8 @@
 
 namespace kiln::atlas {
 namespace {
-proto::Unexpected stopped() {
-  return proto::fail(proto::kCanceledCode, "stopped while unwrapping");
-}
-
-/// The error for `unwrap: existing`.
+/// Returns the error for `unwrap: existing`, with a detail for each of the first primitives that
+/// are not valid.
 proto::Unexpected refuse(const scene::Scene& scene, std::span<const SourceUv> source) {
   constexpr std::size_t kMaxDetails = 32;
   proto::Error error{"invalid_lightmap_uv",
@@ -36,7 +33,8 @@ proto::Unexpected refuse(const scene::Scene& scene, std::span<const SourceUv> so
   return proto::Unexpected(std::move(error));
 }
 
-/// Side of a texel at the settings' density, or if the surface filled a page to the brim, m.
+/// Returns the side of a texel, m: at the settings' density, or as if the surface filled one page
+/// to the brim.
 double least_texel(const scene::Scene& scene, const proto::AtlasSettings& settings) {
   if (settings.texels_per_metre) return 1 / double(*settings.texels_per_metre);
   double area = 0;
@@ -60,25 +58,25 @@ class AtlasBuilder {
     atlas_.triangles.resize(scene_.triangles.size());
     atlas_.triangle_chart.resize(scene_.triangles.size());
     atlas_.placements.resize(scene_.instances.size());
-    if (!check_source()) return stopped();
+    if (!check_source()) return exec::canceled();
     if (settings_.unwrap == proto::Unwrap::kExisting && kept_.size() < drawn_) {
       return refuse(scene_, source_);
     }
     shared_ = !kept_.empty() && share_one_page(scene_, kept_, settings_.page_size, stop_);
     for (std::uint32_t i = 0; i < scene_.instances.size(); ++i) {
-      if (stop_.stop_requested()) return stopped();
+      if (stop_.stop_requested()) return exec::canceled();
       atlas_.placements[i].uses_source_uv = keeps(i);
       if (scene_.instances[i].part_count == 0) continue;
       keeps(i) ? add_source(i) : add_unwrapped(i);
     }
-    if (stop_.stop_requested() || !sort_vertices()) return stopped();
+    if (stop_.stop_requested() || !sort_vertices()) return exec::canceled();
     if (auto placed = place(); !placed) return proto::Unexpected(placed.error());
-    if (!finish()) return stopped();
+    if (!finish()) return exec::canceled();
     return std::move(atlas_);
   }
 
-  /// When build() gave `atlas_full`.
-  Remedy remedy() const { return find_remedy(blocks_, settings_, stop_); }
+  /// Finds what would make build() succeed. It may be called once build() has given `atlas_full`.
+  LayoutAdvice advice() const { return find_layout_advice(blocks_, settings_, stop_); }
 
  private:
   bool keeps(std::uint32_t instance) const { return !source_.empty() && source_[instance].valid; }
@@ -99,7 +97,8 @@ class AtlasBuilder {
     return true;
   }
 
-  // Collecting. Until place(), a vertex' uv is unused; chart_vertices_ tell which chart it is in.
+  // 1. Collect charts, blocks and corners. Until place(), a vertex has no uv, and vertex_chart_
+  // names its chart.
 
   struct ChartVertex {
     std::uint32_t part = 0, vertex = 0, chart = 0;
@@ -116,7 +115,8 @@ class AtlasBuilder {
 
   std::uint32_t first_new_chart() const { return std::uint32_t(atlas_.charts.size()); }
 
-  /// All charts of the instance move as one block; with a shared page, so do all instances.
+  /// Adds an instance that keeps its TEXCOORD_1. All its charts move as one block; when the
+  /// instances share a page, all instances move as one.
   void add_source(std::uint32_t i) {
     const Surface surface = weld(scene_, scene_.instances[i], WeldBy::kPositionAndUv, stop_);
     if (stop_.stop_requested()) return;
@@ -146,9 +146,9 @@ class AtlasBuilder {
     } else {
       join(source_[i]);
     }
-    const double metres_per_uv = std::sqrt(world_area / uv_area);
-    open_block((double(max.x) - double(min.x)) * metres_per_uv,
-               (double(max.y) - double(min.y)) * metres_per_uv);
+    const double meters_per_uv = std::sqrt(world_area / uv_area);
+    open_block((double(max.x) - double(min.x)) * meters_per_uv,
+               (double(max.y) - double(min.y)) * meters_per_uv);
     block_origin_.back() = {min.x, min.y};
     block_extent_.back() = {double(max.x) - double(min.x), double(max.y) - double(min.y)};
   }
@@ -181,7 +181,8 @@ class AtlasBuilder {
     chart_block_.push_back(block);
   }
 
-  /// Vertices in order of part, scene vertex, chart: one for each combination. False when stopped.
+  /// Makes one vertex for each combination of part, scene vertex and chart, in that order. Returns
+  /// false when stopped.
   bool sort_vertices() {
     const auto before = [](const ChartVertex& a, const ChartVertex& b) {
       return a.key() != b.key() ? a.key() < b.key()
@@ -204,7 +205,7 @@ class AtlasBuilder {
     return true;
   }
 
-  // Placing.
+  // 2. Place the blocks on pages and the vertices in their blocks.
 
   proto::Expected<void> place() {
     if (shared_ && kept_.size() == drawn_) {
@@ -222,7 +223,7 @@ class AtlasBuilder {
     return {};
   }
 
-  /// One scene-wide layout: used as it is.
+  /// Uses the one scene-wide layout as it is.
   void place_as_is() {
     const float side = float(settings_.page_size);
     atlas_.page_count = 1;
@@ -243,7 +244,7 @@ class AtlasBuilder {
     } else {
       p = frames_[chart].project(scene_.positions[v.scene_vertex]);
     }
-    // Rounding must not reach over the block's edge: that would touch one texel more.
+    // Rounding must not carry a vertex over the block's edge: it would touch one more texel.
     const auto fit = [](double at, double extent, std::uint32_t size) {
       return extent > 0 ? std::clamp(at / extent, 0.0, 1.0) * size : 0.0;
     };
@@ -264,13 +265,13 @@ class AtlasBuilder {
                   float((place.y - origin.y * place.height / extent.y) / side)};
   }
 
-  /// Bounds and density. False when stopped.
+  /// Sets the charts' bounds and the atlas's density. Returns false when stopped.
   bool finish() {
     for (Chart& chart : atlas_.charts) {
       chart.min = {INFINITY, INFINITY};
       chart.max = {-INFINITY, -INFINITY};
     }
-    std::vector<std::pair<double, double>> density;  // texels per metre, m2
+    std::vector<std::pair<double, double>> density;  // texels per meter, m2
     density.reserve(atlas_.triangles.size());
     double total = 0;
     for (std::uint32_t t = 0; t < atlas_.triangles.size(); ++t) {
@@ -320,8 +321,9 @@ bool is_full(const proto::Expected<Atlas>& atlas) {
   return !atlas && atlas.error().code == "atlas_full";
 }
 
-/// The least page size from `first` on, by doubling, that is large enough; 0: none of the few that
-/// are tried. Charts are cut by the size of a texel: only making them tells.
+/// Returns the least page size that is large enough, doubling from `first` on, or 0 when none of
+/// the few that it tries is. The size of a texel decides how charts are cut, so each try unwraps
+/// the scene.
 std::uint32_t find_page_size(const scene::Scene& scene, proto::AtlasSettings settings,
                              std::uint32_t first, const std::stop_token& stop) {
   constexpr std::uint32_t kMost = proto::AtlasSettings::kMostPageSize, kTrials = 3;
@@ -333,23 +335,22 @@ std::uint32_t find_page_size(const scene::Scene& scene, proto::AtlasSettings set
   return 0;
 }
 
-/// What to change, for the end of the message: "; atlas.page_size 512 or atlas.max_pages 12 would
-/// do".
-std::string advice(const scene::Scene& scene, proto::AtlasSettings settings, Remedy remedy,
-                   const std::stop_token& stop) {
-  remedy.page_size = find_page_size(scene, settings, remedy.page_size, stop);
+/// Returns the end of the error's message: "; atlas.page_size 512 or atlas.max_pages 12 would do".
+std::string advice_text(const scene::Scene& scene, proto::AtlasSettings settings,
+                        LayoutAdvice advice, const std::stop_token& stop) {
+  advice.page_size = find_page_size(scene, settings, advice.page_size, stop);
   std::string text;
-  if (remedy.page_size == 0 && remedy.max_pages == 0 && settings.texels_per_metre) {
+  if (advice.page_size == 0 && advice.max_pages == 0 && settings.texels_per_metre) {
     settings.texels_per_metre.reset();
-    remedy.page_size = find_page_size(scene, settings, std::bit_ceil(settings.page_size), stop);
+    advice.page_size = find_page_size(scene, settings, std::bit_ceil(settings.page_size), stop);
     text = "without atlas.texels_per_metre, ";
   }
-  const std::string pages = "atlas.max_pages " + std::to_string(remedy.max_pages),
-                    size = "atlas.page_size " + std::to_string(remedy.page_size);
-  if (remedy.page_size > 0 && remedy.max_pages > 0)
+  const std::string pages = "atlas.max_pages " + std::to_string(advice.max_pages),
+                    size = "atlas.page_size " + std::to_string(advice.page_size);
+  if (advice.page_size > 0 && advice.max_pages > 0)
     return "; " + size + " or " + pages + " would do";
-  if (remedy.page_size > 0) return "; " + text + size + " would do";
-  if (remedy.max_pages > 0) return "; " + pages + " would do";
+  if (advice.page_size > 0) return "; " + text + size + " would do";
+  if (advice.max_pages > 0) return "; " + pages + " would do";
   return settings.gutter > 0 ? "; a smaller atlas.gutter may help" : "";
 }
 
@@ -357,17 +358,17 @@ std::string advice(const scene::Scene& scene, proto::AtlasSettings settings, Rem
 
 proto::Expected<Atlas> build_atlas(const scene::Scene& scene, const proto::AtlasSettings& settings,
                                    std::stop_token stop) {
-  Remedy remedy;
+  LayoutAdvice advice;
   auto atlas = [&] {
     AtlasBuilder builder(scene, settings, stop);
     auto built = builder.build();
-    if (is_full(built)) remedy = builder.remedy();
+    if (is_full(built)) advice = builder.advice();
     return built;
   }();
   if (!is_full(atlas)) return atlas;
   proto::Error error = atlas.error();
-  error.message += advice(scene, settings, remedy, stop);
-  if (stop.stop_requested()) return stopped();
+  error.message += advice_text(scene, settings, advice, stop);
+  if (stop.stop_requested()) return exec::canceled();
   for (auto& place : error.details) place.detail = error.message;
   return proto::Unexpected(std::move(error));
 }

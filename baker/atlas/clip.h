@@ -8,8 +8,8 @@
 
 namespace kiln::atlas {
 
-/// A point on a page, in texels. Double: a texel square is often 1e-4 of the page, and the pieces
-/// of a triangle must sum to the whole.
+/// A point on a page, in texels. It is in double precision because a texel square is often 1e-4 of
+/// the page, and the fragments of a triangle must sum to the whole.
 struct Point {
   double x = 0, y = 0;
 };
@@ -17,18 +17,18 @@ inline double cross(Point a, Point b, Point c) {
   return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }
 
-/// A convex polygon: what is left of a triangle after at most four cuts by axis-parallel lines.
+/// A convex polygon that remains of a triangle after at most four cuts by axis-parallel lines.
 struct Polygon {
   static constexpr int kMaxVertices = 8;
   Point v[kMaxVertices];
   int n = 0;
 
-  /// Seven is the most that geometry allows; a further one would be a rounding error's double.
+  /// Geometry allows at most seven vertices. An eighth one repeats another by a rounding error.
   void add(Point p) {
     if (n < kMaxVertices) v[n++] = p;
   }
-  /// Unsigned; measured from the first vertex, so that small polygons far from the origin keep
-  /// their digits.
+  /// Returns the unsigned area, texels^2. It is measured from the first vertex, so that small
+  /// polygons far from the origin keep their digits.
   double area() const {
     double twice = 0;
     for (int i = 1; i + 1 < n; ++i) twice += cross(v[0], v[i], v[i + 1]);
@@ -42,8 +42,8 @@ double along(Point p) {
   return A == Axis::kX ? p.x : p.y;
 }
 
-/// Cuts `in` along the line axis = c: what lies below goes to `low`, what lies above to `high`
-/// [Sutherland and Hodgman 1974]. New vertices lie on the line exactly.
+/// Cuts `in` along the line axis = c. `low` gets the part below, `high` the part above [Sutherland
+/// and Hodgman 1974]. New vertices lie on the line exactly.
 template <Axis A>
 void split(const Polygon& in, double c, Polygon& low, Polygon& high) {
   low.n = high.n = 0;
@@ -89,11 +89,18 @@ struct UvTriangle {
   Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
 };
 
-/// Less than this on the page (texels^2) is within the rounding of float coordinates: such a
-/// triangle counts as having no area.
+/// A triangle with less area on the page (texels^2) counts as having none: so small an area is
+/// within the rounding of float coordinates.
 inline constexpr double kMinUvArea = 1e-9;
 
-/// The part of a polygon inside the square of texel (x, y).
+/// The part of one texel that one triangle covers.
+struct Fragment {
+  std::uint32_t key = 0;  ///< the texel's place in its band: block, then row, then column
+  std::uint32_t triangle = 0;
+  double area = 0;  ///< texels^2
+};
+
+/// Returns the part of a polygon inside the square of texel (x, y).
 inline Polygon clip_to_texel(const Polygon& polygon, std::uint32_t x, std::uint32_t y) {
   Polygon a, b, unused;
   split<Axis::kX>(polygon, double(x), unused, a);
@@ -116,8 +123,8 @@ void walk(Polygon strip, int x0, int x1, int y, Emit& emit) {
   }
 }
 
-/// Columns that lie in the strip over the row's whole height: the strip is convex, so its sides are
-/// innermost on the row's upper or lower line.
+/// Returns the columns that lie in the strip over the row's whole height. The strip is convex, so
+/// its sides are innermost on the row's upper or lower line.
 inline Interval full_columns(const Polygon& strip, double y) {
   Interval top, bottom;
   for (int i = 0; i < strip.n; ++i) {
@@ -130,7 +137,7 @@ inline Interval full_columns(const Polygon& strip, double y) {
 }  // namespace clip_impl
 
 /// Calls emit(x, y, area) for each texel of rows [y0, y1) and columns [0, width) that `polygon`
-/// covers in part; area in (0, 1], exactly 1 where the square is covered.
+/// covers in part. The area is in (0, 1], exactly 1 where the square is covered.
 template <class Emit>
 void for_texels(const Polygon& polygon, int y0, int y1, int width, Emit&& emit) {
   Polygon rest, strip, part, unused;

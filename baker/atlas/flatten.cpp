@@ -7,7 +7,8 @@
 namespace kiln::atlas {
 namespace {
 
-/// Convex hull, counter-clockwise, first point not repeated [Andrew 1979]. Empty when stopped.
+/// Returns the convex hull, counter-clockwise, without repeating the first point [Andrew 1979]. The
+/// hull is empty when stopped.
 std::vector<Point> convex_hull(std::vector<Point> p, const std::stop_token& stop) {
   const auto before = [](Point a, Point b) { return a.x != b.x ? a.x < b.x : a.y < b.y; };
   const auto same = [](Point a, Point b) { return a.x == b.x && a.y == b.y; };
@@ -23,7 +24,7 @@ std::vector<Point> convex_hull(std::vector<Point> p, const std::stop_token& stop
       }
       hull.push_back(q);
     }
-    hull.pop_back();  // begins the other chain
+    hull.pop_back();  // it begins the other chain
     std::reverse(p.begin(), p.end());
   }
   return hull;
@@ -52,7 +53,7 @@ Box smallest_box(std::span<const Point> hull) {
   for (std::size_t i = 0; i < hull.size(); i += step) {
     const Point a = hull[i], b = hull[(i + 1) % hull.size()];
     const Box box = box_along(hull, b.x - a.x, b.y - a.y);
-    // The first of equals wins, also when they differ by rounding.
+    // The first of equal boxes wins, also when they differ by rounding.
     if (box.width() * box.height() < best.width() * best.height() * (1 - 1e-9)) best = box;
   }
   return best;

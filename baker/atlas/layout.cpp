@@ -9,20 +9,22 @@
 #include <string>
 
 #include "baker/atlas/pack.h"
+#include "baker/exec/stop.h"
 
 namespace kiln::atlas {
 namespace {
 
 struct Group {
   std::uint32_t first = 0, count = 0;  ///< blocks
-  std::uint64_t area = 0;              ///< texels^2 with gutters, at the density being tried
+  std::uint64_t area = 0;              ///< texels^2 with gutters, at the density under trial
 };
 
 class Packer {
  public:
   Packer(std::span<const Block> blocks, const proto::AtlasSettings& settings, std::stop_token stop)
       : blocks_(blocks), gutter_(settings.gutter), stop_(std::move(stop)) {
-    // Each block brings the gutter above and to its left, the page's edge the one below and right.
+    // Each block carries the gutter above it and to its left. The page's edge carries the last
+    // gutter below and to the right.
     side_ = settings.page_size > gutter_ ? settings.page_size - gutter_ : 0;
     for (std::uint32_t i = 0; i < blocks.size(); ++i) {
       if (i == 0 || blocks[i].group != blocks[i - 1].group) groups_.push_back({i, 0, 0});
@@ -32,10 +34,10 @@ class Packer {
     places_.resize(blocks.size());
   }
 
-  /// Below any density that gives a block more than one texel.
+  /// Returns a density at which every block has one texel.
   double least_density() const { return 0.5 / longest_; }
 
-  /// Whether the blocks might fit `pages` by their sizes alone; cheap.
+  /// Sizes the blocks and returns whether their areas alone could fit `pages`. This check is cheap.
   bool room_for(double density, std::uint32_t pages) {
     std::uint64_t total = 0;
     for (Group& group : groups_) {
@@ -50,7 +52,7 @@ class Packer {
     return total <= page_area() * pages;
   }
 
-  /// Packs all blocks; fills the layout on success.
+  /// Packs all blocks. Returns nothing when they do not fit, or when stopped.
   std::optional<Layout> pack(double density, std::uint32_t pages) {
     if (!room_for(density, pages)) return std::nullopt;
     std::vector<Group> order = groups_;
@@ -66,7 +68,7 @@ class Packer {
     return Layout{density, page, places_};
   }
 
-  /// The highest density that fits, between one that is known to and room_for's limit.
+  /// Finds the highest density that fits, between one that is known to fit and room_for()'s limit.
   std::optional<Layout> densest(std::uint32_t pages) {
     std::optional<Layout> best = pack(least_density(), pages);
     if (!best) return best;
@@ -76,7 +78,7 @@ class Packer {
       (room_for(middle, pages) ? fits : limit) = middle;
     }
     fits = best->texels_per_metre;
-    for (double d = limit; d > fits;) {  // packing wastes some of the room: step down until it fits
+    for (double d = limit; d > fits;) {  // packing wastes some room: step down until it fits
       d *= 0.92;
       if (stop_.stop_requested()) return best;
       auto layout = pack(d, pages);
@@ -113,8 +115,8 @@ class Packer {
     return places_[i].width + gutter_ <= side_ && places_[i].height + gutter_ <= side_;
   }
 
-  /// Puts the longest run of groups from the front that fits on one page. On the last page only all
-  /// of them are of use.
+  /// Places the longest run of groups from the front that fits on one page, and returns its length.
+  /// On the last page the run must hold all groups.
   std::size_t fill_page(std::span<const Group> groups, std::uint32_t page, bool last) {
     std::size_t most = 0;
     for (std::uint64_t area = 0; most < groups.size(); ++most) {
@@ -179,10 +181,6 @@ proto::Unexpected too_many_blocks(const Packer& packer, const proto::AtlasSettin
                      "settings", "/atlas/page_size");
 }
 
-proto::Unexpected stopped() {
-  return proto::fail(proto::kCanceledCode, "stopped while packing");
-}
-
 }  // namespace
 
 proto::Expected<Layout> lay_out_blocks(std::span<const Block> blocks,
@@ -193,11 +191,11 @@ proto::Expected<Layout> lay_out_blocks(std::span<const Block> blocks,
     layout = packer.pack(double(*settings.texels_per_metre), settings.max_pages);
     if (!layout && !stop.stop_requested()) {
       const auto possible = packer.densest(settings.max_pages);
-      if (stop.stop_requested()) return stopped();
+      if (stop.stop_requested()) return exec::canceled();
       if (!possible) return too_many_blocks(packer, settings);
       return proto::fail("atlas_full",
                          number(double(*settings.texels_per_metre)) +
-                             " texels per metre do not fit " + pages_text(settings) + "; " +
+                             " texels per meter do not fit " + pages_text(settings) + "; " +
                              number(std::floor(possible->texels_per_metre * 1000) / 1000) +
                              " would",
                          "settings", "/atlas/texels_per_metre");
@@ -207,30 +205,30 @@ proto::Expected<Layout> lay_out_blocks(std::span<const Block> blocks,
       layout = packer.densest(pages);
     }
   }
-  if (stop.stop_requested()) return stopped();
+  if (stop.stop_requested()) return exec::canceled();
   if (!layout) return too_many_blocks(packer, settings);
   return std::move(*layout);
 }
 
-Remedy find_remedy(std::span<const Block> blocks, const proto::AtlasSettings& settings,
-                   std::stop_token stop) {
+LayoutAdvice find_layout_advice(std::span<const Block> blocks, const proto::AtlasSettings& settings,
+                                std::stop_token stop) {
   const auto packed = [&](const proto::AtlasSettings& tried) {
     Packer packer(blocks, tried, stop);
     const auto wanted = tried.texels_per_metre;
     return packer.pack(wanted ? double(*wanted) : packer.least_density(), tried.max_pages);
   };
-  Remedy remedy;
+  LayoutAdvice advice;
   proto::AtlasSettings more = settings;
   more.max_pages = proto::AtlasSettings::kMostPages;
-  if (const auto layout = packed(more)) remedy.max_pages = layout->pages;
+  if (const auto layout = packed(more)) advice.max_pages = layout->pages;
   proto::AtlasSettings larger = settings;
   larger.page_size = std::bit_ceil(settings.page_size + 1);
   for (; larger.page_size <= proto::AtlasSettings::kMostPageSize; larger.page_size *= 2) {
     if (!packed(larger)) continue;
-    remedy.page_size = larger.page_size;
+    advice.page_size = larger.page_size;
     break;
   }
-  return remedy;
+  return advice;
 }
 
 }  // namespace kiln::atlas

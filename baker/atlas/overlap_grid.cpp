@@ -3,11 +3,11 @@
 namespace kiln::atlas {
 namespace {
 
-/// Samples lie off the cells' middle, where edges of grid-aligned layouts often run.
+/// Samples lie off the cells' middle because edges of grid-aligned layouts often run there.
 constexpr double kSampleX = 0.5173, kSampleY = 0.4871;
 constexpr double kDeep = 0.5;  ///< cells
 
-/// Distance of `p` to the nearest edge, negative outside; any winding.
+/// Returns the distance of `p` to the nearest edge, negative outside. Either winding will do.
 double depth(const OverlapGrid::Triangle& t, Point p) {
   const double sign = cross(t[0], t[1], t[2]) < 0 ? -1 : 1;
   double least = INFINITY;
@@ -26,7 +26,7 @@ void OverlapGrid::begin(std::uint32_t size) {
   triangles_.clear();
   size_ = size;
   owner_.resize(std::max(owner_.size(), std::size_t(size) * size), 0);
-  if (base_ > 0x7fffffffu) {  // numbers would run out within the next layout
+  if (base_ > 0x7fffffffu) {  // the numbers could run out within the next layout
     std::fill(owner_.begin(), owner_.end(), 0);
     base_ = 0;
   }

@@ -7,7 +7,7 @@
 
 namespace {
 
-/// std::stable_sort in qsort's place: equal rectangles must keep their order on every C library.
+/// Takes the place of qsort, since equal rectangles must keep their order on every C library.
 template <class T, class Compare>
 void stable_sort_rects(T* first, int count, std::size_t /*size*/, Compare compare) {
   std::stable_sort(first, first + count,
@@ -40,7 +40,8 @@ bool pack_square(std::span<PackRect> rects, std::uint32_t size, const std::stop_
     work[i].w = int(rects[i].width);
     work[i].h = int(rects[i].height);
   }
-  // In the library's own order, so that handing them over in portions changes nothing.
+  // Sorts in the library's own order, so that handing the rectangles over in portions changes
+  // nothing.
   const auto before = [](const stbrp_rect& a, const stbrp_rect& b) {
     return rect_height_compare(&a, &b) < 0;
   };

@@ -12,8 +12,8 @@ struct PackRect {
 };
 
 /// Places the rectangles in a square of `size` without overlap or rotation (skyline, tallest
-/// first). False when they do not all fit, or when stopped; x and y are then meaningless. Equal
-/// input, equal result.
+/// first). Returns false when they do not all fit, or when stopped; x and y are then meaningless.
+/// Equal input gives equal results.
 bool pack_square(std::span<PackRect>, std::uint32_t size, const std::stop_token&);
 
 }  // namespace kiln::atlas

@@ -14,21 +14,22 @@ namespace kiln::atlas {
 namespace {
 constexpr std::uint32_t kPoints = TextureGroup::kPointsPerTexel;
 constexpr std::uint32_t kTexelsPerBatch = 1024;
-/// Pieces that wait to be filled in: enough for many batches, at 16 bytes each.
-constexpr std::size_t kWaitingPieces = std::size_t(1) << 18;
+/// The number of fragments that may wait for fill_texels(): enough for many batches, at 16 bytes
+/// each.
+constexpr std::size_t kWaitingFragments = std::size_t(1) << 18;
 
-/// Area that has no texel of its own where it lies.
-struct Orphan {
+/// An area of surface that has no texel of its own at its place on the page.
+struct StrayArea {
   std::uint32_t chart = 0;
   std::uint32_t page = 0, x = 0, y = 0;
-  bool any_owner = false;  ///< falls to the texel at (x, y) when its own chart is not near
+  bool any_owner = false;  ///< the texel at (x, y) takes it when its own chart is not near
   double area_m2 = 0;
 };
 
 struct Offset {
   int dx = 0, dy = 0;
 };
-/// The 5x5 neighbourhood, nearest first.
+/// Returns the 5x5 neighborhood, nearest first.
 constexpr std::array<Offset, 25> make_offsets() {
   std::array<Offset, 25> o{};
   std::size_t n = 0;
@@ -43,14 +44,10 @@ constexpr std::array<Offset, 25> make_offsets() {
 }
 constexpr auto kNearby = make_offsets();
 
-proto::Unexpected stopped() {
-  return proto::fail(proto::kCanceledCode, "stopped while rasterising");
-}
-
-/// One filler for each batch that runs, used again by later ones.
-class FillerShelf {
+/// Lends each running batch a filler, and lends it again to later batches.
+class FillerPool {
  public:
-  FillerShelf(const scene::Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
+  FillerPool(const scene::Scene& scene, const Atlas& atlas) : scene_(scene), atlas_(atlas) {}
 
   std::unique_ptr<TexelFiller> take() {
     const std::lock_guard lock(mutex_);
@@ -68,14 +65,14 @@ class FillerShelf {
   const scene::Scene& scene_;
   const Atlas& atlas_;
   std::mutex mutex_;
-  std::vector<std::unique_ptr<TexelFiller>> idle_;  // by mutex_
+  std::vector<std::unique_ptr<TexelFiller>> idle_;  // guarded by mutex_
 };
 
-/// Finds the texels of all charts in one sweep, and what pieces of triangles each one owns; what
-/// the pieces say about a texel is then worked out for many texels at a time.
-class Rasteriser {
+/// Finds the texels of all charts in one sweep, with the fragments of triangles that each texel
+/// owns. The surface of a texel is then computed from its fragments, for many texels at a time.
+class Rasterizer {
  public:
-  Rasteriser(const scene::Scene& scene, const Atlas& atlas, std::stop_token stop,
+  Rasterizer(const scene::Scene& scene, const Atlas& atlas, std::stop_token stop,
              exec::ThreadPool* pool)
       : scene_(scene),
         atlas_(atlas),
@@ -84,26 +81,26 @@ class Rasteriser {
         fillers_(scene, atlas),
         setups_(scene, atlas) {}
 
-  proto::Expected<TextureGroup> run(std::size_t max_pieces) {
+  proto::Expected<TextureGroup> run(std::size_t max_fragments) {
     open_pages();
     reserve();
-    BandSweep sweep(atlas_, max_pieces, stop_);
+    BandSweep sweep(atlas_, max_fragments, stop_);
     for (std::uint32_t i = 0; i < atlas_.page_count * sweep.bands(); ++i) {
-      if (stop_.stop_requested()) return stopped();
+      if (stop_.stop_requested()) return exec::canceled();
       if (!sweep.next()) {
-        if (stop_.stop_requested()) return stopped();
+        if (stop_.stop_requested()) return exec::canceled();
         return proto::fail("limit_exceeded",
                            "too many triangles meet in eight rows of a lightmap page");
       }
       add_band(sweep);
-      if (pieces_.size() >= kWaitingPieces && !fill_texels()) return stopped();
+      if (fragments_.size() >= kWaitingFragments && !fill_texels()) return exec::canceled();
     }
-    if (!fill_texels()) return stopped();
+    if (!fill_texels()) return exec::canceled();
     for (const std::uint32_t t : sweep.flat_triangles()) add_flat(t);
-    adopt_orphans();
+    assign_stray_areas();
     group_.front_count = group_.size();
     add_backs();
-    if (stop_.stop_requested()) return stopped();
+    if (stop_.stop_requested()) return exec::canceled();
     return std::move(group_);
   }
 
@@ -117,7 +114,8 @@ class Rasteriser {
     }
   }
 
-  /// Room for the most texels there can be. What stays unused is never touched, so costs no memory.
+  /// Reserves room for the most texels that there can be. Room that stays unused is never touched,
+  /// so it costs no memory.
   void reserve() {
     const double page = double(atlas_.page_size) * double(atlas_.page_size);
     double most = 0;
@@ -153,16 +151,18 @@ class Rasteriser {
     }
   }
 
-  /// The chart that covers most of the texel keeps it; what others cover becomes orphans.
+  /// Returns the chart that covers most of the texel and so keeps it. The area that other charts
+  /// cover becomes stray.
   std::uint32_t pick_chart(std::uint32_t page, std::uint32_t x, std::uint32_t y,
                            std::span<const Fragment> fragments) {
     by_chart_.clear();
     for (const Fragment& f : fragments) {
       by_chart_.push_back({atlas_.triangle_chart[f.triangle], f.triangle, f.area});
     }
-    std::sort(by_chart_.begin(), by_chart_.end(), [](const ChartPiece& a, const ChartPiece& b) {
-      return a.chart != b.chart ? a.chart < b.chart : a.triangle < b.triangle;
-    });
+    std::sort(by_chart_.begin(), by_chart_.end(),
+              [](const ChartFragment& a, const ChartFragment& b) {
+                return a.chart != b.chart ? a.chart < b.chart : a.triangle < b.triangle;
+              });
     double best = -1;
     std::uint32_t winner = 0;
     for (std::size_t i = 0; i < by_chart_.size();) {
@@ -171,9 +171,10 @@ class Rasteriser {
       for (; i < by_chart_.size() && by_chart_[i].chart == chart; ++i) sum += by_chart_[i].area;
       if (sum > best) best = sum, winner = chart;
     }
-    for (const ChartPiece& p : by_chart_) {
-      if (p.chart == winner) continue;
-      orphans_.push_back({p.chart, page, x, y, true, p.area * setups_[p.triangle].m2_per_texel2});
+    for (const ChartFragment& f : by_chart_) {
+      if (f.chart == winner) continue;
+      stray_areas_.push_back(
+          {f.chart, page, x, y, true, f.area * setups_[f.triangle].m2_per_texel2});
     }
     return winner;
   }
@@ -186,7 +187,7 @@ class Rasteriser {
     });
     if (shared) chart = pick_chart(page, x, y, fragments);
     for (const Fragment& f : fragments) {
-      if (atlas_.triangle_chart[f.triangle] == chart) pieces_.push_back({f.triangle, f.area});
+      if (atlas_.triangle_chart[f.triangle] == chart) fragments_.push_back(f);
     }
     group_.pages[page].texel_at[std::size_t(y) * atlas_.page_size + x] =
         std::int32_t(group_.chart.size());
@@ -195,10 +196,11 @@ class Rasteriser {
     group_.x.push_back(std::uint16_t(x));
     group_.y.push_back(std::uint16_t(y));
     group_.back.push_back(-1);
-    piece_ends_.push_back(pieces_.size());
+    fragment_ends_.push_back(fragments_.size());
   }
 
-  /// Works out the surface of the texels that were found since the last time. False when stopped.
+  /// Computes the surface of the texels that were found since the last call. Returns false when
+  /// stopped.
   bool fill_texels() {
     const auto begin = std::uint32_t(size()), end = std::uint32_t(group_.chart.size());
     const auto resize = [end](auto&... planes) { (planes.resize(end), ...); };
@@ -213,9 +215,9 @@ class Rasteriser {
       const std::uint32_t last = std::min(first + kTexelsPerBatch, end - begin);
       std::uint64_t count = 0;
       for (std::uint32_t i = first; i < last && !stop_.stop_requested(); ++i) {
-        const std::size_t from = i == 0 ? 0 : piece_ends_[i - 1];
-        const auto pieces = std::span(pieces_).subspan(from, piece_ends_[i] - from);
-        count += filler->fill(group_, begin + i, pieces);
+        const std::size_t from = i == 0 ? 0 : fragment_ends_[i - 1];
+        const auto fragments = std::span(fragments_).subspan(from, fragment_ends_[i] - from);
+        count += filler->fill(group_, begin + i, fragments);
       }
       capped += count;
       fillers_.put(std::move(filler));
@@ -223,8 +225,8 @@ class Rasteriser {
     const std::uint32_t batches = (end - begin + kTexelsPerBatch - 1) / kTexelsPerBatch;
     if (!run_batches(batches, batch)) return false;
     group_.albedo_capped += capped;
-    pieces_.clear();
-    piece_ends_.clear();
+    fragments_.clear();
+    fragment_ends_.clear();
     return true;
   }
 
@@ -243,28 +245,29 @@ class Rasteriser {
     const auto clamp = [&](double v) {
       return std::uint32_t(std::clamp(std::floor(v), 0.0, last));
     };
-    orphans_.push_back({atlas_.triangle_chart[triangle], atlas_.page_of(triangle),
-                        clamp((uv.p[0].x + uv.p[1].x + uv.p[2].x) / 3),
-                        clamp((uv.p[0].y + uv.p[1].y + uv.p[2].y) / 3), false,
-                        double(triangle_area(scene_, triangle))});
+    stray_areas_.push_back({atlas_.triangle_chart[triangle], atlas_.page_of(triangle),
+                            clamp((uv.p[0].x + uv.p[1].x + uv.p[2].x) / 3),
+                            clamp((uv.p[0].y + uv.p[1].y + uv.p[2].y) / 3), false,
+                            double(triangle_area(scene_, triangle))});
   }
 
-  void adopt_orphans() {
+  void assign_stray_areas() {
     const int size = int(atlas_.page_size);
     exec::StopPoll poll(stop_);
-    for (const Orphan& o : orphans_) {
+    for (const StrayArea& a : stray_areas_) {
       if (poll()) return;
-      const auto& texel_at = group_.pages[o.page].texel_at;
-      std::int32_t heir = o.any_owner ? texel_at[std::size_t(o.y) * atlas_.page_size + o.x] : -1;
+      const auto& texel_at = group_.pages[a.page].texel_at;
+      std::int32_t recipient =
+          a.any_owner ? texel_at[std::size_t(a.y) * atlas_.page_size + a.x] : -1;
       for (const Offset d : kNearby) {
-        const int x = int(o.x) + d.dx, y = int(o.y) + d.dy;
+        const int x = int(a.x) + d.dx, y = int(a.y) + d.dy;
         if (x < 0 || y < 0 || x >= size || y >= size) continue;
         const std::int32_t t = texel_at[std::size_t(y) * atlas_.page_size + std::size_t(x)];
-        if (t < 0 || group_.chart[std::size_t(t)] != o.chart) continue;
-        heir = t;
+        if (t < 0 || group_.chart[std::size_t(t)] != a.chart) continue;
+        recipient = t;
         break;
       }
-      if (heir >= 0) group_.area_m2[std::size_t(heir)] += float(o.area_m2);
+      if (recipient >= 0) group_.area_m2[std::size_t(recipient)] += float(a.area_m2);
     }
   }
 
@@ -288,7 +291,7 @@ class Rasteriser {
 
   std::uint32_t size() const { return group_.size(); }
 
-  struct ChartPiece {
+  struct ChartFragment {
     std::uint32_t chart = 0, triangle = 0;
     double area = 0;
   };
@@ -296,21 +299,21 @@ class Rasteriser {
   const Atlas& atlas_;
   std::stop_token stop_;
   exec::ThreadPool* pool_;
-  FillerShelf fillers_;
+  FillerPool fillers_;
   SetupCache setups_;
   TextureGroup group_;
-  std::vector<Orphan> orphans_;
-  std::vector<Piece> pieces_;            // of the texels that wait to be filled in
-  std::vector<std::size_t> piece_ends_;  // one per such texel
-  std::vector<ChartPiece> by_chart_;     // of the texel at hand
+  std::vector<StrayArea> stray_areas_;
+  std::vector<Fragment> fragments_;         // of the texels that wait for fill_texels()
+  std::vector<std::size_t> fragment_ends_;  // one per such texel
+  std::vector<ChartFragment> by_chart_;     // of the texel at hand
 };
 
 }  // namespace
 
 proto::Expected<TextureGroup> rasterise(const scene::Scene& scene, const Atlas& atlas,
-                                        std::stop_token stop, std::size_t max_pieces,
+                                        std::stop_token stop, std::size_t max_fragments,
                                         exec::ThreadPool* pool) {
-  return Rasteriser(scene, atlas, std::move(stop), pool).run(max_pieces);
+  return Rasterizer(scene, atlas, std::move(stop), pool).run(max_fragments);
 }
 
 }  // namespace kiln::atlas

@@ -9,14 +9,15 @@
 namespace kiln::atlas {
 namespace {
 
-constexpr float kOutside = 1e-4f;  ///< exporters' rounding beyond [0, 1]; clamped
-/// A face laid out at less than a thousandth of its mesh's density has no area worth the name.
+constexpr float kOutside = 1e-4f;  ///< exporters round so far beyond [0, 1]; it is clamped
+/// A face laid out at less than a thousandth of its mesh's density counts as having no area.
 constexpr double kThin = 1e-6;
-/// Share of surface without area in UV, and of a piece that is folded back, that goes as rounding.
+/// The share of a surface without area in UV, and of a piece that is folded back, that counts as
+/// rounding.
 constexpr double kTolerated = 1e-3;
-/// Share of covered samples that shared edges may claim twice.
+/// The share of covered samples that shared edges may claim twice.
 constexpr double kShallow = 0.01;
-constexpr std::uint64_t kCellBudget = std::uint64_t(1) << 26;  ///< of all layouts together
+constexpr std::uint64_t kCellBudget = std::uint64_t(1) << 26;  ///< cells of all layouts together
 
 double uv_area(const scene::Scene& scene, std::uint32_t triangle) {
   const auto& v = scene.triangles[triangle];
@@ -50,7 +51,7 @@ SourceUv invalid(std::uint32_t part, std::string reason) {
   return v;
 }
 
-/// Presence and range; fills the bounds.
+/// Checks that TEXCOORD_1 is there and within range, and fills the bounds.
 SourceUv check_range(const scene::Scene& scene, const scene::Instance& instance) {
   if (instance.part_count == 0) return {};
   SourceUv result;
@@ -84,7 +85,7 @@ SourceUv check_range(const scene::Scene& scene, const scene::Instance& instance)
   return result;
 }
 
-/// Faces that TEXCOORD_1 squeezes to nothing. Fills the areas.
+/// Looks for faces that TEXCOORD_1 squeezes to nothing, and fills the areas.
 void check_area(const scene::Scene& scene, const scene::Instance& instance, SourceUv& result) {
   double uv_sum = 0, world_sum = 0, lost = 0;
   std::uint32_t lost_part = instance.first_part;
@@ -109,7 +110,7 @@ void check_area(const scene::Scene& scene, const scene::Instance& instance, Sour
   result.world_area = world_sum - lost;
 }
 
-/// Connected pieces of mixed winding.
+/// Looks for connected pieces of mixed winding.
 void check_folds(const scene::Scene& scene, const scene::Instance& instance,
                  const std::stop_token& stop, SourceUv& result) {
   const Surface surface = weld(scene, instance, WeldBy::kPositionAndUv, stop);
@@ -146,11 +147,12 @@ OverlapGrid::Triangle on_grid(const scene::Scene& scene, std::uint32_t triangle,
   return t;
 }
 
-/// Lays the instance's triangles on the grid over what is there. False at an overlap, or when told
-/// to stop; `where` is then the triangle.
+/// Lays the instance's triangles on the grid, over those already there. Returns false at an
+/// overlap, or when stopped; `where` is then the triangle.
 bool lay_out(const scene::Scene& scene, const scene::Instance& instance, OverlapGrid& grid,
              std::uint32_t size, std::stop_token stop, std::uint32_t* where) {
-  const std::uint64_t hopeless = std::uint64_t(size) * size / 32;  // over kShallow of any layout
+  // So many shallow overlaps exceed kShallow of the samples of any layout.
+  const std::uint64_t hopeless = std::uint64_t(size) * size / 32;
   std::uint64_t samples = 0, shallow = 0;
   std::uint32_t done = 0;
   const bool clear = all_triangles(scene, instance, [&](std::uint32_t t) {
@@ -181,7 +183,7 @@ bool same_layout(const scene::Scene& scene, const scene::Instance& a, const scen
   return true;
 }
 
-/// Overlap test of each valid instance; instances of one mesh are tested once.
+/// Tests each valid instance for overlaps. Instances of one mesh are tested once.
 void check_overlaps(const scene::Scene& scene, std::uint32_t texels, std::stop_token stop,
                     std::vector<SourceUv>& results) {
   std::map<std::uint32_t, std::uint32_t> tested;  // mesh -> instance
@@ -204,8 +206,9 @@ void check_overlaps(const scene::Scene& scene, std::uint32_t texels, std::stop_t
     if (lay_out(scene, scene.instances[i], grid, size, stop, &where)) continue;
     results[i] = invalid(scene.triangle_part[where], "faces overlap in TEXCOORD_1");
   }
-  if (stop.stop_requested()) return;                  // not all have been tested
-  for (std::size_t i = 0; i < results.size(); ++i) {  // the verdict holds for the mesh's others
+  if (stop.stop_requested()) return;  // not all have been tested
+  // A verdict holds for the other instances of the mesh, too.
+  for (std::size_t i = 0; i < results.size(); ++i) {
     if (!results[i].valid) continue;
     const std::uint32_t first = tested.at(scene.instances[i].mesh);
     if (results[first].valid || !same_layout(scene, scene.instances[first], scene.instances[i])) {

@@ -5,7 +5,7 @@
 namespace kiln::atlas {
 namespace {
 
-/// Nearest point of a convex polygon.
+/// Returns the point of a convex polygon that is nearest to `p`.
 Point closest_point(const Polygon& polygon, Point p) {
   Point best = polygon.v[0];
   double best_d2 = INFINITY;
@@ -25,7 +25,7 @@ Point closest_point(const Polygon& polygon, Point p) {
   return left != right ? p : best;
 }
 
-/// Centroid of a polygon, times its area.
+/// Returns the centroid of a polygon, times its area.
 Point first_moment(const Polygon& p) {
   Point m;
   for (int i = 1; i + 1 < p.n; ++i) {
@@ -36,7 +36,7 @@ Point first_moment(const Polygon& p) {
   return m;
 }
 
-/// Mean over the points; evaluated once where it is constant on the points' triangle.
+/// Returns the mean over the points. A value that is constant on a triangle is evaluated once.
 template <class Constant, class Value>
 math::Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Constant constant,
                     Value value) {
@@ -55,29 +55,30 @@ math::Rgb mean_over(SetupCache& setups, std::span<const SamplePoint> points, Con
 
 }  // namespace
 
-bool TexelFiller::fill(TextureGroup& group, std::uint32_t texel, std::span<const Piece> pieces) {
-  fill_surface(group, texel, pieces);
+bool TexelFiller::fill(TextureGroup& group, std::uint32_t texel,
+                       std::span<const Fragment> fragments) {
+  fill_surface(group, texel, fragments);
   const std::span<SamplePoint> points(
       group.points.data() + std::size_t(texel) * TextureGroup::kPointsPerTexel,
       TextureGroup::kPointsPerTexel);
-  place_points(setups_, group.page[texel], group.x[texel], group.y[texel], pieces, points);
-  return fill_colours(group, texel);
+  place_points(setups_, group.page[texel], group.x[texel], group.y[texel], fragments, points);
+  return fill_albedo(group, texel);
 }
 
-/// Area, coverage, and the representative point: on the triangle that covers most, as near to the
-/// footprint's centroid as that goes.
+/// Fills area, coverage and the representative point, which lies on the triangle that covers most,
+/// as near to the footprint's centroid as that allows.
 void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
-                               std::span<const Piece> pieces) {
+                               std::span<const Fragment> fragments) {
   const std::uint32_t x = group.x[texel], y = group.y[texel];
   double area = 0, covered = 0;
-  Piece most;
+  Fragment most;
   Point moment;
-  for (const Piece& p : pieces) {
-    const TriangleSetup& setup = setups_[p.triangle];
-    area += p.area * setup.m2_per_texel2;
-    covered += p.area;
-    if (p.area > most.area || (p.area == most.area && p.triangle < most.triangle)) most = p;
-    if (pieces.size() == 1 && p.area == 1) continue;
+  for (const Fragment& f : fragments) {
+    const TriangleSetup& setup = setups_[f.triangle];
+    area += f.area * setup.m2_per_texel2;
+    covered += f.area;
+    if (f.area > most.area || (f.area == most.area && f.triangle < most.triangle)) most = f;
+    if (fragments.size() == 1 && f.area == 1) continue;
     const Point m = first_moment(clip_to_texel(setup.polygon(), x, y));
     moment.x += m.x, moment.y += m.y;
   }
@@ -96,7 +97,7 @@ void TexelFiller::fill_surface(TextureGroup& group, std::uint32_t texel,
   group.triangle[texel] = most.triangle;
 }
 
-bool TexelFiller::fill_colours(TextureGroup& group, std::uint32_t texel) {
+bool TexelFiller::fill_albedo(TextureGroup& group, std::uint32_t texel) {
   const std::span<const SamplePoint> points = group.points_of(texel);
   const math::Rgb albedo = mean_over(
       setups_, points,

@@ -9,21 +9,21 @@
 
 namespace kiln::atlas {
 
-/// Works out what a texel's surface is like from the pieces of triangles that it owns. One per
-/// thread: it keeps the set-ups of the triangles at hand.
+/// Computes a texel's surface from the fragments of triangles that it owns. Each thread needs one
+/// of its own, since it caches the set-ups of recent triangles.
 class TexelFiller {
  public:
   TexelFiller(const scene::Scene& scene, const Atlas& atlas)
       : scene_(scene), setups_(scene, atlas) {}
 
-  /// Fills everything of `texel` but its place, chart and back; the planes must have their full
-  /// size. Returns whether its albedo was capped. Requires at least one piece, each of positive
+  /// Fills every plane of `texel` except its place, chart and back; the planes must have their full
+  /// size. Returns whether the albedo was capped. Requires at least one fragment, each of positive
   /// area.
-  bool fill(TextureGroup&, std::uint32_t texel, std::span<const Piece>);
+  bool fill(TextureGroup&, std::uint32_t texel, std::span<const Fragment>);
 
  private:
-  void fill_surface(TextureGroup&, std::uint32_t texel, std::span<const Piece>);
-  bool fill_colours(TextureGroup&, std::uint32_t texel);
+  void fill_surface(TextureGroup&, std::uint32_t texel, std::span<const Fragment>);
+  bool fill_albedo(TextureGroup&, std::uint32_t texel);
 
   const scene::Scene& scene_;
   SetupCache setups_;

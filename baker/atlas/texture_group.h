@@ -32,13 +32,13 @@ struct SamplePoint {
   scene::Bary bary() const { return {float(u) * (1 / 65535.f), float(v) * (1 / 65535.f)}; }
 };
 
-/// What the solvers know of the surface: one entry per texel that any triangle touches, in planes
+/// The surface as the solvers know it: planes with one entry per texel that any triangle touches
 /// [RTRad 4.5.2, 4.6]. Texels are sorted by page, then by 8x8 block, then by row, so that a run of
 /// indices is a compact patch of surface. Immutable once built.
 ///
-/// The first `front_count` texels lie on pages. Texels of double-sided surfaces have a twin for the
-/// back in [front_count, size): same place, opposite normals; it takes part in transport but not in
-/// the page.
+/// The first `front_count` texels lie on pages. A texel of a double-sided surface has a twin for
+/// the back in [front_count, size), with the same place and opposite normals. The twin takes part
+/// in transport but not in the page.
 struct TextureGroup {
   static constexpr std::uint32_t kPointsPerTexel = 16;
 
@@ -54,23 +54,24 @@ struct TextureGroup {
   std::vector<math::Rgb> albedo;           ///< mean over the footprint, capped at kMaxAlbedo
   std::vector<float> area_m2;           ///< world area of the covered part; sums to the surface's
   std::vector<float> coverage;          ///< covered share of the texel's square, (0, 1]
-  std::vector<std::uint32_t> triangle;  ///< the one that covers most
+  std::vector<std::uint32_t> triangle;  ///< the triangle that covers most
   std::vector<std::uint32_t> chart;
   std::vector<std::uint16_t> page;
   std::vector<std::uint16_t> x, y;  ///< on the page
   std::vector<std::int32_t> back;   ///< the back's texel, -1 for one-sided surfaces and for backs
-  /// Stratified by area over the covered footprint, all of the texel's own chart. Equal weights.
+  /// Sample points, stratified by area over the covered footprint, all of the texel's own chart.
+  /// They have equal weights.
   std::vector<SamplePoint> points;  ///< kPointsPerTexel per texel
 
-  std::uint64_t albedo_capped = 0;  ///< texels that the cap changed
+  std::uint64_t albedo_capped = 0;  ///< number of texels that the cap changed
 
   std::uint32_t size() const { return static_cast<std::uint32_t>(position.size()); }
   bool is_back(std::uint32_t texel) const { return texel >= front_count; }
   std::span<const SamplePoint> points_of(std::uint32_t texel) const {
     return {points.data() + std::size_t(texel) * kPointsPerTexel, kPointsPerTexel};
   }
-  /// The texel so far right and down on the page, if it is of the same chart and side; kNoTexel
-  /// otherwise.
+  /// Returns the texel that lies dx to the right and dy down on the page if it has the same chart
+  /// and side, and kNoTexel otherwise.
   std::int32_t neighbour(std::uint32_t texel, int dx, int dy) const {
     const Page& on = pages[page[texel]];
     const int nx = x[texel] + dx, ny = y[texel] + dy;
@@ -81,20 +82,21 @@ struct TextureGroup {
   }
 };
 
+/// The most fragments of triangles that eight rows of a page may hold.
 inline constexpr std::size_t kMaxBandPieces = std::size_t(1) << 25;
 
-/// Rasterises the atlas: exact clipping of triangles against texel squares, so that a texel which a
-/// triangle only touches is included. A texel that several charts touch belongs to the one that
-/// covers most of it; the area of the others there goes to their own nearest texel within two
+/// Rasterizes the atlas. It clips triangles exactly against texel squares, so that a texel which a
+/// triangle only touches is included. A texel that several charts touch belongs to the chart that
+/// covers most of it. The area of the other charts there goes to their own nearest texel within two
 /// steps, or else to the texel's owner, so that areas sum to the surface's. A triangle without area
 /// on the page has no texel: its area goes to its chart's nearest texel within two steps, if there
-/// is one, and a look-up on it reads its neighbours. `position`, `shading_normal` and
-/// `triangle` belong together: they are of the triangle that covers most, at its nearest point to
-/// the footprint's centroid. Errors: `limit_exceeded` (more than `max_pieces` pieces of triangles
-/// in eight rows of a page), `canceled`. Runs on `pool`, or on the calling thread; the bits are the
-/// same.
+/// is one, and a look-up on it reads its neighbors. `position`, `shading_normal` and `triangle`
+/// belong together: they describe the triangle that covers most, at its nearest point to the
+/// footprint's centroid. Errors: `limit_exceeded` (more than `max_fragments` fragments of triangles
+/// in eight rows of a page), `canceled`. The work runs on `pool`, or on the calling thread; the
+/// bits are the same.
 proto::Expected<TextureGroup> rasterise(const scene::Scene&, const Atlas&, std::stop_token = {},
-                                        std::size_t max_pieces = kMaxBandPieces,
+                                        std::size_t max_fragments = kMaxBandPieces,
                                         exec::ThreadPool* pool = nullptr);
 
 }  // namespace kiln::atlas

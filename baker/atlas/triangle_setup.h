@@ -7,31 +7,31 @@
 
 namespace kiln::atlas {
 
-/// What rasterising needs of a triangle again and again.
+/// The values of a triangle that the rasterizer uses for many texels.
 struct TriangleSetup {
   std::uint32_t triangle = 0xffffffffu;
   bool constant_albedo = false;
   Point p[3];                             ///< on the page, texels
   double ux = 0, uy = 0, vx = 0, vy = 0;  ///< u and v grow by these per texel
-  double m2_per_texel2 = 0;  ///< world area behind an area on the page: the map is affine
-  math::Vec3 normal;         ///< geometric
-  math::Rgb albedo;          ///< where constant
+  double m2_per_texel2 = 0;               ///< world area per area on the page; the map is affine
+  math::Vec3 normal;                      ///< geometric
+  math::Rgb albedo;                       ///< valid where constant_albedo is set
 
   Polygon polygon() const { return {{p[0], p[1], p[2]}, 3}; }
-  /// Barycentric (u, v) of a page point; outside [0, 1] when the point is outside.
+  /// Returns the barycentric (u, v) of a page point. They leave [0, 1] when the point is outside.
   Point bary(Point q) const {
     const double dx = q.x - p[0].x, dy = q.y - p[0].y;
     return {dx * ux + dy * uy, dx * vx + dy * vy};
   }
 };
 
-/// Keeps the set-ups of the triangles in use; neighbouring texels ask for the same ones.
+/// Caches the set-ups of the triangles in use, since neighboring texels need the same ones.
 class SetupCache {
  public:
   SetupCache(const scene::Scene& scene, const Atlas& atlas)
       : scene_(scene), atlas_(atlas), slots_(kSlots) {}
 
-  /// Valid until the next call.
+  /// Returns the set-up of a triangle. The reference is valid until the next call.
   const TriangleSetup& operator[](std::uint32_t triangle) {
     TriangleSetup& slot = slots_[triangle % kSlots];
     if (slot.triangle != triangle) fill(slot, triangle);

@@ -13,8 +13,8 @@ constexpr double kConeCosine = 0.766;    ///< cos 40 deg
 constexpr double kNotchCosine = 0.5;     ///< cos 60 deg
 constexpr double kSteepCosine = 0.4226;  ///< cos 65 deg
 constexpr std::uint32_t kGridCells = 4096;
-constexpr double kLeastFill = 0.35;    ///< of a chart's rectangle, below which it is halved ...
-constexpr double kWasteTexels = 1024;  ///< ... if it leaves at least this much empty
+constexpr double kLeastFill = 0.35;    ///< a chart that fills less of its rectangle is halved ...
+constexpr double kWasteTexels = 1024;  ///< ... if it leaves at least this many texels empty
 constexpr int kMaxHalvings = 6;
 constexpr std::uint32_t kNone = Surface::kNone;
 
@@ -36,7 +36,7 @@ Unwrapped Unwrapper::unwrap(const scene::Scene& scene, const scene::Instance& in
   return {std::move(surface_.triangles), std::move(chart_), std::move(frames_)};
 }
 
-/// False when stopped.
+/// Prepares the surface of one instance. Returns false when stopped.
 bool Unwrapper::load(const scene::Scene& scene, const scene::Instance& instance) {
   scene_ = &scene;
   surface_ = weld(scene, instance, WeldBy::kPosition, stop_);
@@ -71,13 +71,13 @@ void Unwrapper::make_chart(std::uint32_t seed) {
   frames_.push_back(frame);
 }
 
-/// Fills members_ with as much as goes around the seed, in larger and larger steps while growth is
-/// limited; returns the chart's normal.
+/// Fills members_ with as many faces as fit around the seed, in larger and larger steps while
+/// growth is limited. Returns the chart's normal.
 Vec3d Unwrapper::collect(std::uint32_t seed) {
   for (;;) {
     grow(seed, false, limit_);
     Vec3d axis = mean_normal(members_, normal_, area_);
-    if (!within(axis, kSteepCosine)) {  // the mean has wandered off from the first faces
+    if (!within(axis, kSteepCosine)) {  // the mean has drifted away from the first faces
       grow(seed, true, limit_);
       axis = normal_[seed];
     }
@@ -92,14 +92,14 @@ Vec3d Unwrapper::collect(std::uint32_t seed) {
   }
 }
 
-/// After a cut: growing all that was cut off again and again, for each sheet of a spiral, would
-/// cost the square of their number.
+/// Limits the next growth after a cut. Without a limit each sheet of a spiral would grow all that
+/// was cut off anew, at a cost of the square of their number.
 void Unwrapper::limit_growth() {
   limit_ = std::max<std::size_t>(8 * members_.size(), 256);
 }
 
-/// Collects members_ from the seed by best fit. With a fixed axis the seed's normal stays the
-/// measure, otherwise it is the mean so far.
+/// Collects members_ from the seed by best fit. Fit is measured against the seed's normal when the
+/// axis is fixed, and against the mean normal so far otherwise.
 void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
   ++growth_;
   members_.clear();
@@ -118,7 +118,7 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
       sum = add(sum, normal_[face], area_[face]);
       axis = unit(sum);
     }
-    for (const std::uint32_t next : surface_.neighbour[face]) {
+    for (const std::uint32_t next : surface_.neighbor[face]) {
       if (next == kNone || chart_[next] != kNone || mark_[next] == growth_) continue;
       const double cosine = dot(normal_[next], axis);
       if (cosine < kNotchCosine) continue;
@@ -128,12 +128,12 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
   }
 }
 
-/// Whether a face that touches the growing chart may join it.
+/// Returns whether a face that touches the growing chart may join it.
 bool Unwrapper::fits(std::uint32_t face, const Vec3d& axis) const {
   const double cosine = dot(normal_[face], axis);
   if (cosine >= kConeCosine) return true;
   if (cosine < kNotchCosine) return false;
-  const auto& near = surface_.neighbour[face];
+  const auto& near = surface_.neighbor[face];
   return std::count_if(near.begin(), near.end(),
                        [&](std::uint32_t n) { return n != kNone && mark_[n] == growth_; }) >= 2;
 }
@@ -152,7 +152,7 @@ void Unwrapper::open_grid(const Vec3d& axis) {
   const double cell = std::min(std::sqrt(area / double(members_.size())) / 4, texel_m_ / 2);
   const double cells =
       std::clamp(std::ceil(longest / std::max(cell, longest * 1e-6)), 16.0, double(kGridCells));
-  cells_per_metre_ = longest > 0 ? cells / longest : 0;
+  cells_per_meter_ = longest > 0 ? cells / longest : 0;
   grid_.begin(std::uint32_t(cells));
 }
 
@@ -161,7 +161,7 @@ OverlapGrid::Triangle Unwrapper::on_grid(std::uint32_t face) const {
   const auto& v = scene_->triangles[surface_.triangles[face]];
   for (std::size_t i = 0; i < 3; ++i) {
     const Point p = grid_frame_.project(scene_->positions[v[i]]);
-    t[i] = {p.x * cells_per_metre_, p.y * cells_per_metre_};
+    t[i] = {p.x * cells_per_meter_, p.y * cells_per_meter_};
   }
   return t;
 }
@@ -179,8 +179,8 @@ bool Unwrapper::covers_itself(const Vec3d& axis) {
   });
 }
 
-/// Grows once more within members_, breadth first from the seed, leaving out what would cover faces
-/// that are already in.
+/// Grows once more within members_, breadth first from the seed, and leaves out faces that would
+/// cover faces already taken.
 void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
   open_grid(axis);
   const std::uint32_t allowed = growth_;
@@ -190,7 +190,7 @@ void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
   grid_.add(on_grid(seed));
   exec::StopPoll stop(stop_);
   for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
-    for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
+    for (const std::uint32_t next : surface_.neighbor[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
       const auto triangle = on_grid(next);
       const auto found = grid_.probe(triangle);
@@ -218,7 +218,7 @@ double Unwrapper::middle(std::uint32_t face, const ChartFrame& frame) const {
   return sum / 3;
 }
 
-/// Keeps what hangs together with the seed on its side of the rectangle's middle.
+/// Keeps the faces that connect to the seed on its side of the rectangle's middle.
 void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
   const std::uint32_t allowed = growth_;
   const std::uint32_t taken = ++growth_;
@@ -227,7 +227,7 @@ void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
   mark_[seed] = taken;
   exec::StopPoll stop(stop_);
   for (std::size_t i = 0; i < kept.size() && !stop(); ++i) {
-    for (const std::uint32_t next : surface_.neighbour[kept[i]]) {
+    for (const std::uint32_t next : surface_.neighbor[kept[i]]) {
       if (next == kNone || mark_[next] != allowed || chart_[next] != kNone) continue;
       if ((middle(next, frame) < frame.width / 2) != side) continue;
       mark_[next] = taken;

@@ -12,14 +12,15 @@
 
 namespace kiln::atlas {
 
-/// Double precision direction or position.
+/// A direction or position in double precision.
 struct Vec3d {
   double x = 0, y = 0, z = 0;
 };
 
-/// A chart's plane: the projection that lays it flat, in metres, lower corner at (0, 0).
+/// A chart's plane: the projection that lays the chart flat, in meters, with its lower corner at
+/// (0, 0).
 struct ChartFrame {
-  Vec3d origin, u, v;  ///< u, v: orthonormal; cross(u, v) is the chart's mean normal
+  Vec3d origin, u, v;  ///< u and v are orthonormal; cross(u, v) is the chart's mean normal
   double width = 0, height = 0;
 
   Point project(math::Vec3 p) const {
@@ -35,25 +36,26 @@ struct Unwrapped {
   std::vector<ChartFrame> frames;        ///< per chart
 };
 
-/// Cuts surfaces into charts and lays each flat. Charts grow face by face from large faces, the
-/// face nearest to the chart's mean normal first, as long as it lies within a cone of 40 degrees
-/// around it; up to 60 degrees where it fills a notch or a hole (two neighbours in the chart). A
-/// chart that would leave most of its rectangle empty, such as a ring, is halved. No face is
-/// projected at more than 65 degrees, so none is flipped; a chart that would cover itself (a
-/// spiral, an overhang) is cut where it does. Time is O(n log n).
+/// Cuts surfaces into charts and lays each flat. Charts grow face by face from large faces. The
+/// face nearest to the chart's mean normal comes first, as long as it lies within a cone of 40
+/// degrees around that normal, or of 60 degrees where it fills a notch or a hole (two neighbors in
+/// the chart). A chart that would leave most of its rectangle empty, such as a ring, is halved. No
+/// face is projected at more than 65 degrees, so none is flipped. A chart that would cover itself
+/// (a spiral, an overhang) is cut where it does. The time is O(n log n).
 class Unwrapper {
  public:
-  /// `texel_m`: the least side of a texel that the charts may end up with; overlaps of less than
-  /// half of it go unseen. Empty when stopped.
+  /// `texel_m` is the least side of a texel that the charts may end up with, m. Overlaps of less
+  /// than half of it go unseen.
   explicit Unwrapper(double texel_m) : texel_m_(texel_m) {}
+  /// Cuts one instance into charts. The result is empty when stopped.
   Unwrapped unwrap(const scene::Scene&, const scene::Instance&, std::stop_token);
 
  private:
   struct Candidate {
-    double deviation = 0;  ///< 1 - cosine to the chart's normal when it was met
+    double deviation = 0;  ///< 1 - cosine to the chart's normal at the time of queueing
     std::uint32_t face = 0;
 
-    /// Heap order: the least deviation on top, then the lowest number.
+    /// Orders the heap: the least deviation is on top, then the lowest number.
     bool operator<(const Candidate& o) const {
       return deviation != o.deviation ? deviation > o.deviation : face > o.face;
     }
@@ -77,13 +79,13 @@ class Unwrapper {
   bool stopped() const { return stop_.stop_requested(); }
 
   double texel_m_ = 0;
-  std::stop_token stop_;  ///< once it is requested, what the steps leave is not used
+  std::stop_token stop_;  ///< after a stop request, nothing that the steps leave is used
   const scene::Scene* scene_ = nullptr;
   Surface surface_;
   std::vector<Vec3d> normal_;         ///< per face, unit
   std::vector<double> area_;          ///< per face, m2
-  std::vector<std::uint32_t> chart_;  ///< per face, kNone: not yet in one
-  std::vector<std::uint32_t> mark_;   ///< per face: last growth that took it
+  std::vector<std::uint32_t> chart_;  ///< per face; kNone while it is in no chart
+  std::vector<std::uint32_t> mark_;   ///< per face: the last growth that took it
   std::uint32_t growth_ = 0;
   std::vector<std::uint32_t> members_;  ///< faces of the growing chart, in order of growth
   std::vector<Candidate> queue_;
@@ -91,7 +93,7 @@ class Unwrapper {
   std::size_t limit_ = 0;  ///< most faces of the next growth
   OverlapGrid grid_;
   ChartFrame grid_frame_;
-  double cells_per_metre_ = 0;
+  double cells_per_meter_ = 0;
 };
 
 }  // namespace kiln::atlas

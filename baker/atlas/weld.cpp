@@ -17,8 +17,8 @@ struct Corner {
   auto key() const { return std::tie(p.x, p.y, p.z, uv.x, uv.y); }
 };
 
-/// One number per scene vertex of the instance (relative to the first one), equal where welded.
-/// Empty when stopped.
+/// Returns one number per scene vertex of the instance (relative to the first one), equal where
+/// vertices are welded. The list is empty when stopped.
 std::vector<std::uint32_t> weld_vertices(const scene::Scene& scene, const scene::Instance& instance,
                                          WeldBy by, std::uint32_t first_vertex,
                                          std::uint32_t end_vertex, const std::stop_token& stop) {
@@ -50,9 +50,9 @@ std::vector<std::uint32_t> weld_vertices(const scene::Scene& scene, const scene:
 
 struct HalfEdge {
   std::uint32_t low = 0, high = 0;
-  std::uint32_t triangle = 0;  ///< place in Surface::triangles
+  std::uint32_t triangle = 0;  ///< index into Surface::triangles
   std::uint8_t edge = 0;
-  bool ascending = false;  ///< runs from low to high
+  bool ascending = false;  ///< it runs from low to high
   bool double_sided = false;
 
   auto key() const { return std::tie(low, high); }
@@ -98,8 +98,8 @@ Surface weld(const scene::Scene& scene, const scene::Instance& instance, WeldBy 
                               : std::tie(a.triangle, a.edge) < std::tie(b.triangle, b.edge);
   };
   if (!exec::sort_unless_stopped(edges, before, stop)) return {};
-  surface.neighbour.assign(surface.triangles.size(),
-                           {Surface::kNone, Surface::kNone, Surface::kNone});
+  surface.neighbor.assign(surface.triangles.size(),
+                          {Surface::kNone, Surface::kNone, Surface::kNone});
   for (std::size_t begin = 0, end = 0; begin < edges.size(); begin = end) {
     if (stopped()) return {};
     while (end < edges.size() && edges[end].key() == edges[begin].key()) ++end;
@@ -107,8 +107,8 @@ Surface weld(const scene::Scene& scene, const scene::Instance& instance, WeldBy 
     const HalfEdge &a = edges[begin], &b = edges[begin + 1];
     const bool same_side = by == WeldBy::kPositionAndUv || a.ascending != b.ascending;
     if (!same_side || a.double_sided != b.double_sided || a.triangle == b.triangle) continue;
-    surface.neighbour[a.triangle][a.edge] = b.triangle;
-    surface.neighbour[b.triangle][b.edge] = a.triangle;
+    surface.neighbor[a.triangle][a.edge] = b.triangle;
+    surface.neighbor[b.triangle][b.edge] = a.triangle;
   }
   return surface;
 }
@@ -122,10 +122,10 @@ std::vector<std::uint32_t> connected_pieces(const Surface& surface, std::uint32_
   std::iota(parent.begin(), parent.end(), 0u);
   for (std::uint32_t t = 0; t < n; ++t) {
     if (stopped()) return {};
-    for (const std::uint32_t other : surface.neighbour[t]) {
+    for (const std::uint32_t other : surface.neighbor[t]) {
       if (other == Surface::kNone) continue;
       const std::uint32_t a = find(parent, t), b = find(parent, other);
-      parent[std::max(a, b)] = std::min(a, b);  // roots are the pieces' first triangles
+      parent[std::max(a, b)] = std::min(a, b);  // a root is its piece's first triangle
     }
   }
   std::vector<std::uint32_t> piece(n);

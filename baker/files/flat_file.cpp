@@ -28,7 +28,7 @@ T get(std::string_view bytes, std::size_t offset) {
   return value;
 }
 
-/// Header and table, and where the file ends.
+/// Returns the header and the table.
 std::string make_head(const FlatHeader& header, std::span<const FlatSection> sections) {
   std::string table;
   std::uint64_t end = kHeaderBytes + kEntryBytes * sections.size();
@@ -50,7 +50,7 @@ std::string make_head(const FlatHeader& header, std::span<const FlatSection> sec
   return head + table;
 }
 
-/// Whether the bytes between two sections are what a writer leaves there.
+/// Returns whether all bytes are zero, as a writer leaves them between two sections.
 bool all_zero(std::string_view bytes) {
   return bytes.find_first_not_of('\0') == std::string_view::npos;
 }
@@ -81,9 +81,11 @@ proto::Expected<FlatFile> FlatFile::open(std::string_view bytes, const FlatHeade
   if (bytes.size() < head_bytes) return bad_flat_file("it is too short");
   if (!bytes.starts_with(kMagic) ||
       get<std::uint32_t>(bytes, 8) != static_cast<std::uint32_t>(header.kind))
-    return bad_flat_file("it is something else");
-  if (get<std::uint32_t>(bytes, 12) != header.version) return bad_flat_file("another version");
-  if (bytes.substr(16, kKeyBytes) != header.key) return bad_flat_file("it is another scene's");
+    return bad_flat_file("it is a file of another kind");
+  if (get<std::uint32_t>(bytes, 12) != header.version)
+    return bad_flat_file("it has another version");
+  if (bytes.substr(16, kKeyBytes) != header.key)
+    return bad_flat_file("it belongs to another scene");
   if (get<std::uint32_t>(bytes, 80) != record_bytes.size() || get<std::uint32_t>(bytes, 84) != 0 ||
       get<std::uint64_t>(bytes, 88) != bytes.size())
     return bad_flat_file("its header does not fit its length");
@@ -101,7 +103,7 @@ proto::Expected<FlatFile> FlatFile::open(std::string_view bytes, const FlatHeade
     file.sections_.push_back(bytes.substr(offset, count * record_bytes[i]));
     end = offset + count * record_bytes[i];
   }
-  if (end != bytes.size()) return bad_flat_file("it has more than its table tells");
+  if (end != bytes.size()) return bad_flat_file("it is longer than its table says");
   return file;
 }
 

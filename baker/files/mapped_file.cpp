@@ -11,7 +11,7 @@
 namespace kiln::files {
 namespace {
 
-/// A file descriptor; closed with its scope, which a mapping outlives.
+/// Closes a file descriptor at the end of its scope. A mapping outlives it.
 struct Descriptor {
   int fd;
   explicit Descriptor(int opened) : fd(opened) {}
@@ -26,7 +26,7 @@ struct Descriptor {
 
 proto::Expected<MappedFile> MappedFile::open(const std::filesystem::path& path,
                                              std::uint64_t max_bytes) {
-  // A pipe without a writer must not hold the request up.
+  // O_NONBLOCK keeps a pipe without a writer from holding the request up.
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   return map(file.fd, path.filename().string(), max_bytes);
 }

@@ -12,24 +12,24 @@
 
 namespace kiln::files {
 
-/// The files of one upload. `side` is keyed by the name that came with each file; a URI in the glTF
-/// matches the whole name, or else the last path component where exactly one file has it (curl
-/// sends no folders). Nothing outside these files is ever opened.
+/// The files of one upload. The key in `side` is the name that the client sent with the file. A URI
+/// in the glTF matches the whole name, or else the last path component where exactly one file has
+/// it (curl sends no folders). No other file is ever opened.
 struct SceneFiles {
   std::filesystem::path main;
   std::map<std::string, std::filesystem::path> side;
-  /// Name of the one that is the sky map (the setting sky.map). Nothing: none is.
+  /// The name of the file that is the sky map (the setting sky.map), if there is one.
   std::optional<std::string> sky_map = std::nullopt;
-  /// Where it is given, the paths are looked up here, and nothing is opened.
+  /// When this is set, paths are looked up here, and no file is opened.
   std::shared_ptr<const OpenedFiles> opened = nullptr;
 };
 
-/// One of the files. Errors: as MappedFile::open.
+/// Maps one of the files. The errors are those of MappedFile::open().
 proto::Expected<MappedFile> map_file(const SceneFiles&, const std::filesystem::path&,
                                      std::uint64_t max_bytes);
 
-/// Limits on what a file may ask for. Checked before memory is taken; an error names the limit as
-/// the member is called.
+/// Limits on what a scene may hold. They are checked before memory is taken, and an error names the
+/// member.
 struct ImportLimits {
   std::uint64_t file_bytes = 1ull << 30;
   std::uint64_t json_bytes = 256ull << 20;

@@ -8,10 +8,10 @@
 namespace kiln::generate {
 namespace {
 
-/// The six faces of the cube [-1,1]^3: centre, and edges with centre = edge_u x edge_v.
+/// A face of the cube [-1,1]^3: its center, and edges with center = edge_u x edge_v.
 struct CubeFace {
   BoxFace face;
-  math::Vec3 centre, edge_u, edge_v;
+  math::Vec3 center, edge_u, edge_v;
 };
 constexpr std::array<CubeFace, 6> kCube{{{kFloor, {0, -1, 0}, {1, 0, 0}, {0, 0, 1}},
                                          {kCeiling, {0, 1, 0}, {1, 0, 0}, {0, 0, -1}},
@@ -20,7 +20,8 @@ constexpr std::array<CubeFace, 6> kCube{{{kFloor, {0, -1, 0}, {1, 0, 0}, {0, 0, 
                                          {kBack, {0, 0, -1}, {-1, 0, 0}, {0, 1, 0}},
                                          {kFront, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}}};
 
-/// Unit normal of the surface |x| = radius * relief(x / |x|): the gradient of |x| - r(x/|x|).
+/// Returns the unit normal of the surface |x| = radius * relief(x / |x|), which is the gradient of
+/// |x| - r(x/|x|).
 math::Vec3 relief_normal(math::Vec3 direction, float r, const Relief& relief) {
   constexpr float kStep = 1.f / 1024;
   const auto along = [&](math::Vec3 axis) {
@@ -33,17 +34,17 @@ math::Vec3 relief_normal(math::Vec3 direction, float r, const Relief& relief) {
   return normalize(direction - tangential * (1 / r), direction);
 }
 
-std::uint32_t cells(float metres, double cells_per_metre) {
-  return std::max(1u, static_cast<std::uint32_t>(double(metres) * cells_per_metre));
+std::uint32_t cells(float meters, double cells_per_meter) {
+  return std::max(1u, static_cast<std::uint32_t>(double(meters) * cells_per_meter));
 }
 
 bool try_pack(const std::vector<math::Vec2>& sizes_m, const std::vector<std::size_t>& order,
-              double cells_per_metre, std::vector<CellRect>& rects) {
+              double cells_per_meter, std::vector<CellRect>& rects) {
   constexpr std::uint32_t kGap = 2, kBorder = 1, kEnd = kCells - kBorder;
   std::uint32_t x = kBorder, y = kBorder, row_height = 0;
   for (const std::size_t i : order) {
-    const std::uint32_t w = cells(sizes_m[i].x, cells_per_metre);
-    const std::uint32_t h = cells(sizes_m[i].y, cells_per_metre);
+    const std::uint32_t w = cells(sizes_m[i].x, cells_per_meter);
+    const std::uint32_t h = cells(sizes_m[i].y, cells_per_meter);
     if (x + w > kEnd) {
       x = kBorder;
       y += row_height + kGap;
@@ -68,7 +69,8 @@ void append_patch(gltf::GlbPrimitive& out, const Patch& patch, const CellRect& r
       const SurfacePoint p = patch.at(i, j);
       out.positions.push_back(p.position);
       out.normals.push_back(p.normal);
-      // v runs down the image, t up the surface: seen from the front, nothing is mirrored.
+      // v runs down the image and t up the surface, so nothing is mirrored when seen from the
+      // front.
       out.uv0.push_back({s * patch.width_m / texture_m, (1 - t) * patch.height_m / texture_m});
       out.uv1.push_back({(float(rect.x) + s * float(rect.width)) / float(kCells),
                          (float(rect.y) + (1 - t) * float(rect.height)) / float(kCells)});
@@ -111,10 +113,10 @@ std::vector<CellRect> pack_charts(const std::vector<math::Vec2>& sizes_m) {
 
 std::string make_png(
     std::uint32_t size,
-    const std::function<std::array<std::uint8_t, 3>(std::uint32_t, std::uint32_t)>& colour) {
+    const std::function<std::array<std::uint8_t, 3>(std::uint32_t, std::uint32_t)>& color) {
   std::vector<std::array<std::uint8_t, 3>> pixels;
   for (std::uint32_t y = 0; y < size; ++y)
-    for (std::uint32_t x = 0; x < size; ++x) pixels.push_back(colour(x, y));
+    for (std::uint32_t x = 0; x < size; ++x) pixels.push_back(color(x, y));
   return image::encode_png(pixels, size, size).value();
 }
 
@@ -164,7 +166,7 @@ void SceneBuilder::faces(const std::string& node, std::int32_t material, const B
     math::Vec3 u = place(f.edge_u);
     const math::Vec3 v = place(f.edge_v);
     if (inwards) u = -u;
-    quad(node, material, middle + place(f.centre) - u - v, u * 2, v * 2);
+    quad(node, material, middle + place(f.center) - u - v, u * 2, v * 2);
   }
 }
 
@@ -178,7 +180,7 @@ void SceneBuilder::room(const std::string& node, std::int32_t material, const Bo
   faces(node, material, box, f, true);
 }
 
-void SceneBuilder::ball(const std::string& node, std::int32_t material, math::Vec3 centre,
+void SceneBuilder::ball(const std::string& node, std::int32_t material, math::Vec3 center,
                         float radius, std::uint32_t detail, const Relief& relief) {
   for (const CubeFace& f : kCube) {
     const auto signed_share = [=](std::uint32_t i) {
@@ -186,10 +188,10 @@ void SceneBuilder::ball(const std::string& node, std::int32_t material, math::Ve
     };
     const auto at = [=](std::uint32_t i, std::uint32_t j) {
       const math::Vec3 d =
-          normalize(f.centre + f.edge_u * signed_share(i) + f.edge_v * signed_share(j));
-      if (!relief) return SurfacePoint{centre + d * radius, d};
+          normalize(f.center + f.edge_u * signed_share(i) + f.edge_v * signed_share(j));
+      if (!relief) return SurfacePoint{center + d * radius, d};
       const float r = relief(d);
-      return SurfacePoint{centre + d * (radius * r), relief_normal(d, r, relief)};
+      return SurfacePoint{center + d * (radius * r), relief_normal(d, r, relief)};
     };
     const float side_m = radius * math::kPi / 2;
     patches_.push_back({node, material, side_m, side_m, detail, detail, false, at});

@@ -15,9 +15,9 @@ std::string furnace(const std::string& name, float albedo) {
 constexpr math::Vec3 kPlaneCorner{-2, 0, 2}, kPlaneU{4, 0, 0}, kPlaneV{0, 0, -4};
 
 std::int32_t add_plane(SceneBuilder& scene) {
-  const auto grey = scene.material("grey", {0.5f, 0.5f, 0.5f});
-  scene.quad("plane", grey, kPlaneCorner, kPlaneU, kPlaneV);
-  return grey;
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
+  scene.quad("plane", gray, kPlaneCorner, kPlaneU, kPlaneV);
+  return gray;
 }
 
 }  // namespace
@@ -31,18 +31,18 @@ std::string furnace_90(const std::string& name, std::uint32_t) {
 
 std::string plates(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto grey = scene.material("grey", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto lamp = scene.material("lamp", {0, 0, 0}, {1, 1, 1});
-  scene.quad("receiver", grey, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
+  scene.quad("receiver", gray, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
   scene.quad("emitter", lamp, {0, 1, 0}, {1, 0, 0}, {0, 0, 1});
   return scene.finish();
 }
 
 std::string plates_perpendicular(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto grey = scene.material("grey", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto lamp = scene.material("lamp", {0, 0, 0}, {1, 1, 1});
-  scene.quad("receiver", grey, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
+  scene.quad("receiver", gray, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
   scene.quad("emitter", lamp, {0, 0, 0}, {1, 0, 0}, {0, 1, 0});
   return scene.finish();
 }
@@ -55,7 +55,7 @@ std::string rect_light(const std::string& name, std::uint32_t) {
   return scene.finish();
 }
 
-std::string colour_box(const std::string& name, std::uint32_t) {
+std::string color_box(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
   const auto white = scene.material("white", {0.8f, 0.8f, 0.8f});
   const auto red = scene.material("red", {0.7f, 0.1f, 0.1f});
@@ -119,8 +119,8 @@ std::string plane_sun(const std::string& name, std::uint32_t) {
 
 std::string tilted_plane(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto grey = scene.material("grey", {0.5f, 0.5f, 0.5f});
-  scene.quad("plane", grey, {-0.5f, 0, 0}, {1, 0, 0}, {0, 0.6f, -0.8f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
+  scene.quad("plane", gray, {-0.5f, 0, 0}, {1, 0, 0}, {0, 0.6f, -0.8f});
   return scene.finish();
 }
 

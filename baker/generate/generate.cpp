@@ -28,7 +28,7 @@ constexpr std::array kGenerators{
               room_textured,
               1},
     Generator{
-        {"many_lights", "closed hall with 200 small emitters of many colours"}, many_lights, 1},
+        {"many_lights", "closed hall with 200 small emitters of many colors"}, many_lights, 1},
     Generator{{"courtyard", "sunlit yard with pillars, a textured floor, a point and a spot light"},
               courtyard,
               1},
@@ -62,10 +62,9 @@ constexpr std::array kGenerators{
     Generator{{"plates_perpendicular", "two unit squares that share an edge, F = 0.2000"},
               plates_perpendicular,
               1},
-    Generator{
-        {"colour_box", "closed box with coloured walls and a lamp: for the balance of energy"},
-        colour_box,
-        1},
+    Generator{{"colour_box", "closed box with colored walls and a lamp: for the balance of energy"},
+              color_box,
+              1},
     Generator{
         {"sealed", "lit from outside, dark inside: the node 'inside' must stay zero"}, sealed, 1},
 };

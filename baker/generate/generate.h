@@ -9,7 +9,7 @@
 
 namespace kiln::generate {
 
-/// Test and demo scenes, in real units, with valid lightmap UVs in TEXCOORD_1.
+/// A test or demo scene, in real units, with valid lightmap UVs in TEXCOORD_1.
 struct GeneratorInfo {
   std::string_view name, description;
 };
@@ -17,11 +17,11 @@ std::vector<GeneratorInfo> generators();
 
 inline constexpr std::uint32_t kMaxDetail = 1024;
 
-/// The scene as a .glb; same arguments, same bytes. All charts lie on one scene-wide page, on whole
-/// texels of any power-of-two page from 128 up, with four empty texels of 256 between them.
-/// `detail` is the number of cells along each of the six faces that a ball is made of (0: the
-/// scene's default); scenes without a ball don't use it.
-/// Errors: `unknown_generator` (lists the names), `invalid_detail` (over kMaxDetail).
+/// Generates a scene as a .glb. The same arguments give the same bytes. All charts lie on one
+/// scene-wide page, on whole texels of any power-of-two page from 128 up, with four empty texels of
+/// 256 between them. `detail` is the number of cells along each of the six faces of a ball (0: the
+/// scene's default). Scenes without a ball ignore it. Errors: `unknown_generator` (lists the
+/// names), `invalid_detail` (over kMaxDetail).
 proto::Expected<std::string> generate_glb(std::string_view name, std::uint32_t detail = 0);
 
 }  // namespace kiln::generate

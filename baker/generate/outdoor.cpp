@@ -6,7 +6,7 @@
 namespace kiln::generate {
 namespace {
 
-/// Paving: slabs of one metre with darker joints, every slab a little different.
+/// Returns a texel of paving: slabs of one meter with darker joints, every slab a little different.
 std::array<std::uint8_t, 3> paving(std::uint32_t x, std::uint32_t y) {
   if (x % 64 < 2 || y % 64 < 2) return {88, 84, 78};
   const std::uint32_t slab = (x / 64) * 5 + (y / 64) * 3;
@@ -41,9 +41,9 @@ void add_lights(SceneBuilder& scene) {
 
 std::string sphere_on_plane(const std::string& name, std::uint32_t detail) {
   SceneBuilder scene(name);
-  const auto grey = scene.material("grey", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto orange = scene.material("orange", {0.8f, 0.4f, 0.1f});
-  scene.quad("plane", grey, {-4, 0, 4}, {8, 0, 0}, {0, 0, -8});
+  scene.quad("plane", gray, {-4, 0, 4}, {8, 0, 0}, {0, 0, -8});
   scene.ball("ball", orange, {0, 1, 0}, 1, detail);
   return scene.finish();
 }
@@ -56,7 +56,7 @@ std::string courtyard(const std::string& name, std::uint32_t) {
   const auto stone = scene.material("stone", {0.5f, 0.48f, 0.45f});
   constexpr unsigned kStanding = kAllFaces & ~kFloor;
 
-  // A yard of 16 m x 16 m, open to the sky and, by a gap in the south wall, to +Z.
+  // The yard is 16 m x 16 m. It is open to the sky and, through a gap in the south wall, to +Z.
   scene.quad("ground", slabs, {-8, 0, 8}, {16, 0, 0}, {0, 0, -16});
   scene.solid("north wall", plaster, {{0, 0, -8.2f}, {16.8f, 4, 0.4f}}, kStanding);
   scene.solid("west wall", plaster, {{-8.2f, 0, 0}, {0.4f, 4, 16}}, kStanding);

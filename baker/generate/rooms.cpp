@@ -6,29 +6,30 @@
 namespace kiln::generate {
 namespace {
 
-// The box of Goral, Torrance, Greenberg and Battaile in Cornell's measured version, in metres: the
-// floor's middle is the origin, the open side faces +Z, red is on the left.
+// The box of Goral, Torrance, Greenberg and Battaile in Cornell's measured version, in meters. The
+// floor's middle is the origin, the open side faces +Z, and red is on the left.
 constexpr math::Vec3 kCornellSize{5.528f, 5.488f, 5.592f};
 
-struct CornellColours {
+struct CornellColors {
   std::int32_t white, red, green, lamp;
 };
 
-CornellColours cornell_room(SceneBuilder& scene) {
-  const CornellColours c{scene.material("white", {0.725f, 0.71f, 0.68f}),
-                         scene.material("red", {0.63f, 0.065f, 0.05f}),
-                         scene.material("green", {0.14f, 0.45f, 0.091f}),
-                         scene.material("lamp", {0, 0, 0}, {17, 12, 4})};
+CornellColors cornell_room(SceneBuilder& scene) {
+  const CornellColors c{scene.material("white", {0.725f, 0.71f, 0.68f}),
+                        scene.material("red", {0.63f, 0.065f, 0.05f}),
+                        scene.material("green", {0.14f, 0.45f, 0.091f}),
+                        scene.material("lamp", {0, 0, 0}, {17, 12, 4})};
   const Box box{{0, 0, 0}, kCornellSize};
   scene.room("room", c.white, box, kFloor | kCeiling | kBack);
   scene.room("room", c.red, box, kLeft);
   scene.room("room", c.green, box, kRight);
-  // One centimetre under the ceiling; faces down only.
+  // The lamp hangs one centimeter under the ceiling and faces down only.
   scene.quad("lamp", c.lamp, {-0.65f, 5.478f, -0.525f}, {1.3f, 0, 0}, {0, 0, 1.05f});
   return c;
 }
 
-/// A soft bump field without transcendental functions, whose last bits vary between machines.
+/// A smooth periodic wave. It uses no transcendental functions, because their last bits vary
+/// between machines.
 float wave(float x) {
   const float turn = x - 2 * std::floor(x / 2 + 0.5f);  // [-1, 1)
   return 4 * turn * (1 - std::abs(turn));
@@ -52,15 +53,16 @@ std::array<std::uint8_t, 3> stripes(std::uint32_t x, std::uint32_t) {
                           : std::array<std::uint8_t, 3>{168, 184, 204};
 }
 
-/// Four coloured panes in a dark frame.
+/// Returns a texel of four colored panes in a dark frame.
 std::array<std::uint8_t, 3> panes(std::uint32_t x, std::uint32_t y) {
   if (x % 32 < 3 || y % 32 < 3 || x % 32 > 28 || y % 32 > 28) return {0, 0, 0};
-  constexpr std::array<std::array<std::uint8_t, 3>, 4> kColours{
+  constexpr std::array<std::array<std::uint8_t, 3>, 4> kColors{
       {{255, 96, 64}, {64, 200, 255}, {255, 220, 96}, {120, 255, 120}}};
-  return kColours[(y / 32) * 2 + x / 32];
+  return kColors[(y / 32) * 2 + x / 32];
 }
 
-/// A small linear congruential generator: positions and colours only need to look scattered.
+/// A small linear congruential generator. It suffices because positions only need to look
+/// scattered.
 class Scatter {
  public:
   float next() {
@@ -76,9 +78,9 @@ class Scatter {
 
 std::string cornell(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const CornellColours c = cornell_room(scene);
+  const CornellColors c = cornell_room(scene);
   constexpr unsigned kUpright =
-      kAllFaces & ~kFloor;  // what stands on the floor has no lit underside
+      kAllFaces & ~kFloor;  // the underside of a block on the floor is never lit
   scene.solid("short block", c.white,
               {{0.914f, 0, 1.106f}, {1.65f, 1.65f, 1.65f}, math::normalize({0.956f, 0, 0.293f})},
               kUpright);
@@ -90,8 +92,9 @@ std::string cornell(const std::string& name, std::uint32_t) {
 
 std::string cornell_layers(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const CornellColours c = cornell_room(scene);
-  // Two thirds of the room deep each, in turn by the left and the right wall, 2 cm off it.
+  const CornellColors c = cornell_room(scene);
+  // Each shelf spans two thirds of the room. Shelves alternate between the left and the right wall,
+  // 2 cm off it.
   for (int i = 0; i < 4; ++i) {
     const float side = i % 2 == 0 ? -1.f : 1.f;
     const float y = 1 + 1.05f * float(i);
@@ -103,7 +106,7 @@ std::string cornell_layers(const std::string& name, std::uint32_t) {
 
 std::string cornell_geom(const std::string& name, std::uint32_t detail) {
   SceneBuilder scene(name);
-  const CornellColours c = cornell_room(scene);
+  const CornellColors c = cornell_room(scene);
   scene.solid("plinth", c.white, {{0, 0, 0}, {1.8f, 0.8f, 1.8f}}, kAllFaces & ~kFloor);
   scene.ball("statue", c.white, {0, 2.2f, 0}, 1.25f, detail, bumps);
   return scene.finish();
@@ -123,7 +126,7 @@ std::string room_textured(const std::string& name, std::uint32_t) {
   scene.room("room", floor, box, kFloor);
   scene.room("room", plaster, box, kCeiling);
   scene.room("room", wall, box, kLeft | kRight | kBack | kFront);
-  // One square metre, so that the picture's texture fills it once.
+  // The picture is one square meter, so its texture fills it once.
   scene.quad("picture", picture, {-0.5f, 1, -1.98f}, {1, 0, 0}, {0, 1, 0});
   scene.solid("table", plaster, {{1.2f, 0.7f, 0.3f}, {1.4f, 0.05f, 0.8f}});
   scene.solid("chest", plaster,
@@ -134,16 +137,16 @@ std::string room_textured(const std::string& name, std::uint32_t) {
 
 std::string many_lights(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto grey = scene.material("grey", {0.6f, 0.6f, 0.6f});
+  const auto gray = scene.material("grey", {0.6f, 0.6f, 0.6f});
   std::array<std::int32_t, 8> glow{};
   for (std::size_t i = 0; i < glow.size(); ++i) {
     const math::Rgb tint{(i & 1) != 0 ? 1.f : 0.25f, (i & 2) != 0 ? 1.f : 0.25f,
                          (i & 4) != 0 ? 1.f : 0.25f};
     glow[i] = scene.material("glow " + std::to_string(i), {0, 0, 0}, tint * 800);
   }
-  scene.room("hall", grey, {{0, 0, 0}, {12, 4, 8}});
+  scene.room("hall", gray, {{0, 0, 0}, {12, 4, 8}});
   for (int i = 0; i < 6; ++i)
-    scene.solid("column " + std::to_string(i + 1), grey,
+    scene.solid("column " + std::to_string(i + 1), gray,
                 {{-4 + 4 * float(i % 3), 0, i < 3 ? -1.8f : 1.8f}, {0.5f, 3, 0.5f}},
                 kAllFaces & ~kFloor);
   Scatter scatter;

@@ -3,10 +3,10 @@
 #include <cstdint>
 #include <string>
 
-/// The generated scenes, one function each. Internal to generate*.cpp.
+/// The generated scenes, one function each. Internal to this folder.
 namespace kiln::generate {
 
-/// `detail` is never 0 here. Returns the bytes of a .glb.
+/// Returns the bytes of a .glb. `detail` is never 0 here.
 using SceneFunction = std::string (*)(const std::string& name, std::uint32_t detail);
 
 std::string cornell(const std::string& name, std::uint32_t detail);
@@ -20,7 +20,7 @@ std::string furnace_90(const std::string& name, std::uint32_t detail);
 std::string plates(const std::string& name, std::uint32_t detail);
 std::string plates_perpendicular(const std::string& name, std::uint32_t detail);
 std::string rect_light(const std::string& name, std::uint32_t detail);
-std::string colour_box(const std::string& name, std::uint32_t detail);
+std::string color_box(const std::string& name, std::uint32_t detail);
 std::string sealed(const std::string& name, std::uint32_t detail);
 
 std::string plane_point(const std::string& name, std::uint32_t detail);

@@ -61,7 +61,7 @@ inline Vec3 cross(Vec3 a, Vec3 b) {
 inline float length(Vec3 a) {
   return std::sqrt(dot(a, a));
 }
-/// Unit vector along `a`; `fallback` when `a` has no direction.
+/// Returns the unit vector along `a`, or `fallback` when `a` has no direction.
 inline Vec3 normalize(Vec3 a, Vec3 fallback = {0, 0, 1}) {
   const float l = length(a);
   return l > 0 && std::isfinite(l) ? a * (1 / l) : fallback;
@@ -73,7 +73,8 @@ inline bool is_finite(Vec3 a) {
   return std::isfinite(a.x) && std::isfinite(a.y) && std::isfinite(a.z);
 }
 
-/// Linear Rec. 709 triple: radiance, irradiance, albedo, whatever the name says.
+/// A linear Rec. 709 triple. The name of the variable says whether it is radiance, irradiance or
+/// albedo.
 struct Rgb {
   float r = 0, g = 0, b = 0;
   bool operator==(const Rgb&) const = default;

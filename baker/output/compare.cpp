@@ -6,7 +6,7 @@
 namespace kiln::output {
 namespace {
 
-/// Share of the mean below which relRMSE stops weighting dark texels up.
+/// The share of the mean below which relRMSE stops giving dark texels more weight.
 constexpr double kDarkFloor = 0.02;
 
 bool both_lit(const image::PageImage& a, const image::PageImage& b, std::size_t i) {

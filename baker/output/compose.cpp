@@ -6,12 +6,12 @@ namespace kiln::output {
 namespace {
 
 constexpr std::uint32_t kEmpty = 0xFFFFFFFFu;    // no source yet
-constexpr std::uint32_t kPending = 0xFFFFFFFEu;  // in the ring that is being filled
+constexpr std::uint32_t kPending = 0xFFFFFFFEu;  // in the ring that is filled next
 
-/// For each texel of a page the lit texel whose value it shows, as a row-major index. Grows in
-/// rings of 8-neighbours; a texel takes over its neighbours' sources and keeps the nearest one
-/// (Euclidean, the first in row order among equals), so that a ring depends on the ring before it
-/// only.
+/// Finds for each texel of a page the lit texel whose value it shows, as a row-major index. Padding
+/// grows in rings of 8-neighbors. A texel considers its neighbors' sources and keeps the nearest
+/// one (Euclidean, the first in row order among equals), so a ring depends only on the ring before
+/// it.
 class Padding {
  public:
   explicit Padding(const atlas::TextureGroup::Page& page)
@@ -23,9 +23,9 @@ class Padding {
         if (is_rim(x, y)) ring_.push_back(y * width_ + x);
   }
 
-  /// Fills one ring; false when there was nothing left to fill.
+  /// Fills one ring. Returns false when there is nothing left to fill.
   bool grow() {
-    std::vector<std::uint32_t> next = empty_neighbours();
+    std::vector<std::uint32_t> next = empty_neighbors();
     std::vector<std::uint32_t> chosen(next.size());
     for (std::size_t k = 0; k < next.size(); ++k) chosen[k] = nearest_source(next[k]);
     for (std::size_t k = 0; k < next.size(); ++k) source_[next[k]] = chosen[k];
@@ -36,7 +36,7 @@ class Padding {
   const std::vector<std::uint32_t>& sources() const { return source_; }
 
  private:
-  /// Whether a lit texel has an empty one beside it.
+  /// Returns whether the texel is lit and has an empty one beside it.
   bool is_rim(std::uint32_t x, std::uint32_t y) const {
     if (source_[std::size_t(y) * width_ + x] == kEmpty) return false;
     const std::uint32_t x0 = x - (x > 0), x1 = std::min(x + 1, width_ - 1);
@@ -49,17 +49,17 @@ class Padding {
   }
 
   template <class Visit>
-  void for_neighbours(std::uint32_t texel, Visit visit) const {
+  void for_neighbors(std::uint32_t texel, Visit visit) const {
     const std::uint32_t x = texel % width_, y = texel / width_;
     const std::uint32_t x1 = std::min(x + 1, width_ - 1), y1 = std::min(y + 1, height_ - 1);
     for (std::uint32_t ny = y - (y > 0); ny <= y1; ++ny)
       for (std::uint32_t nx = x - (x > 0); nx <= x1; ++nx) visit(ny * width_ + nx);
   }
 
-  std::vector<std::uint32_t> empty_neighbours() {
+  std::vector<std::uint32_t> empty_neighbors() {
     std::vector<std::uint32_t> found;
     for (const std::uint32_t texel : ring_)
-      for_neighbours(texel, [&](std::uint32_t n) {
+      for_neighbors(texel, [&](std::uint32_t n) {
         if (source_[n] != kEmpty) return;
         source_[n] = kPending;
         found.push_back(n);
@@ -76,7 +76,7 @@ class Padding {
   std::uint32_t nearest_source(std::uint32_t texel) const {
     std::uint32_t best = kEmpty;
     std::uint64_t best_distance = ~std::uint64_t{0};
-    for_neighbours(texel, [&](std::uint32_t n) {
+    for_neighbors(texel, [&](std::uint32_t n) {
       const std::uint32_t s = source_[n];
       if (s == kEmpty || s == kPending) return;
       const std::uint64_t d = squared_distance(texel, s);
@@ -89,7 +89,7 @@ class Padding {
 
   std::uint32_t width_, height_;
   std::vector<std::uint32_t> source_;
-  std::vector<std::uint32_t> ring_;  // the texels filled last, at first the rims of charts
+  std::vector<std::uint32_t> ring_;  // the texels filled last; at first, the rims of charts
 };
 
 }  // namespace

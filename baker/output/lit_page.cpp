@@ -5,12 +5,12 @@
 namespace kiln::output {
 namespace {
 
-/// A threshold in [0, 1) for each texel and channel that fills the interval evenly over any small
-/// neighbourhood: the two-dimensional Kronecker sequence of the plastic number.
+/// Returns a threshold in [0, 1) for a texel and channel. Thresholds fill the interval evenly over
+/// any small neighborhood: they are the two-dimensional Kronecker sequence of the plastic number.
 float threshold(std::uint32_t x, std::uint32_t y, std::uint32_t channel) {
   constexpr double kX = 0.7548776662466927, kY = 0.5698402909980532;
   const double t = kX * double(x) + kY * double(y) + double(channel) / 3;
-  return float(t - double(std::int64_t(t)));  // t >= 0: this is its floor
+  return float(t - double(std::int64_t(t)));  // t >= 0, so the cast is its floor
 }
 
 }  // namespace

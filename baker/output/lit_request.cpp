@@ -29,7 +29,7 @@ enum Section : std::size_t {
   kTrianglePage,
   kPlacements,
   kPages,
-  kText,  ///< of each page the name of its EXR and its PNG
+  kText,  ///< for each page the name of its EXR, then its PNG
 };
 constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
                                                             sizeof(atlas::AtlasVertex),
@@ -39,7 +39,8 @@ constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
                                                             sizeof(PageRecord),
                                                             1};
 
-/// Both ends are of one build, and nobody keeps the file.
+/// Returns the header. It needs no key and no history of versions, since one build writes and reads
+/// the file and nothing keeps it.
 files::FlatHeader header() {
   return {files::FlatKind::kLitRequest, 1, std::string(64, '-')};
 }
@@ -73,7 +74,7 @@ bool read_placements(atlas::Atlas& atlas, const files::FlatFile& file) {
   return true;
 }
 
-/// Whether every index is in range, and all arrays are as long as the scene has it.
+/// Returns whether every index is in range and all arrays are as long as those of the scene.
 bool fits(const atlas::Atlas& atlas, const scene::Scene& scene) {
   if (atlas.triangles.size() != scene.triangles.size() ||
       atlas.triangle_chart.size() != scene.triangles.size() ||
@@ -123,7 +124,7 @@ proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const scene
   const auto size = file->records<SizeRecord>(kSize);
   constexpr std::uint32_t kMaxPages = 1 << 16;
   if (size.size() != 1 || size[0].page_size == 0 || size[0].page_count > kMaxPages)
-    return files::bad_flat_file("its pages");
+    return files::bad_flat_file("its page sizes are out of range");
   LitRequest out;
   atlas::Atlas& atlas = out.atlas;
   atlas.page_size = size[0].page_size;

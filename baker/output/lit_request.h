@@ -10,17 +10,18 @@
 
 namespace kiln::output {
 
-/// What write_lit_glb() needs beside the upload and its scene, as a flat file (flat_file.h) for the
-/// process that writes lit.glb.
+/// The input of write_lit_glb() beside the upload and its scene. It travels as a flat file
+/// (flat_file.h) to the process that writes lit.glb.
 struct LitRequest {
-  atlas::Atlas atlas;  ///< as far as lit.glb goes: one chart for each page, none of its bounds
+  atlas::Atlas atlas;  ///< only what lit.glb needs: one chart for each page, without bounds
   std::vector<LitPage> pages;
 };
 
-/// Errors: `storage_full`, `io_error`.
+/// Writes a request from the descriptor's current offset on. Errors: `storage_full`, `io_error`.
 proto::Expected<void> write_lit_request(int fd, const atlas::Atlas&, std::span<const LitPage>);
 
-/// Any bytes are safe to read; the atlas fits the scene. Errors: `bad_document`.
+/// Reads a request. Any bytes are safe to read, and a returned atlas fits the scene. Errors:
+/// `bad_document`.
 proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const scene::Scene&);
 
 }  // namespace kiln::output

@@ -27,16 +27,16 @@ namespace kiln::output {
 
 /// A page as lit.glb embeds it.
 struct LitPage {
-  std::string png;  ///< opaque LDR image of linear values: value (0..1) * scale = E in lx
+  std::string png;  ///< opaque 8-bit image of linear values: value (0..1) * scale = E in lx
   float scale = 1;
-  std::string exr;     ///< name of the page's EXR beside lit.glb, "" when none is written
+  std::string exr;     ///< the name of the page's EXR beside lit.glb; "" when none is written
   float exposure = 1;  ///< of the preview
 };
 /// Writes lit.glb to a path. Errors: those of write_lit_glb(), and `canceled`.
 using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&,
                                                       std::span<const LitPage>, std::stop_token)>;
 
-/// Everything of a finished bake that the files hold.
+/// The parts of a finished bake that go into its files.
 struct OutputInput {
   LitWriter write_lit;
   const scene::Scene& scene;
@@ -45,12 +45,12 @@ struct OutputInput {
   const lightmap::Lightmap& light;
   const denoise::FilteredLight& filtered;
 };
-/// Writes all the files that settings ask for into `dir`, each as a temporary that is flushed and
-/// renamed when whole, those of a page at the same time. Fills pages, nodes, files and warnings of
-/// `manifest`, whose other members must be set before; manifest.json comes last and lists all files
-/// but itself, `manifest` lists it too. A page over 60,000 lx is written as float, with the warning
-/// `half_overflow`. Errors: `internal` (a value that is not finite, with its texel), `io_error`,
-/// `canceled`.
+/// Writes all files that the settings ask for into `dir`. Each is written as a temporary that is
+/// flushed, then renamed when it is whole; the files of a page are written at the same time. Fills
+/// pages, nodes, files and warnings of `manifest`, whose other members must be set before.
+/// manifest.json comes last and lists all files but itself; `manifest` lists it too. A page over
+/// 60,000 lx is written as float, with the warning `half_overflow`. Errors: `internal` (a value
+/// that is not finite, with its texel), `io_error`, `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,
                                     exec::ThreadPool&, std::stop_token);

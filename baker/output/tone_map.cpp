@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kPercentile = 0.95;
 constexpr float kPercentileTarget = 0.8f;
-constexpr float kWhite = 4;  // exposed value that the curve maps to 1
+constexpr float kWhite = 4;  // the exposed value that the curve maps to 1
 
 /// Reinhard's curve with a white point: x (1 + x/w^2) / (1 + x), monotone, 1 from w on.
 float curve(float x) {
@@ -39,7 +39,7 @@ float automatic_exposure(const image::PageImage& image) {
   const auto rank = std::size_t(std::ceil(kPercentile * double(lit.size()))) - 1;
   std::nth_element(lit.begin(), lit.begin() + std::ptrdiff_t(rank), lit.end());
   float level = lit[rank];
-  // A small bright spot in the dark: what is lit at all decides.
+  // A small bright spot in the dark leaves the percentile black, so the maximum decides.
   if (level <= 0) level = *std::max_element(lit.begin(), lit.end());
   const float exposure = kPercentileTarget / level;
   return level > 0 && std::isfinite(exposure) ? exposure : 1;

@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "baker/exec/memory.h"
+#include "baker/exec/stop.h"
 #include "baker/output/layers.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
@@ -16,7 +17,7 @@ namespace {
 using proto::fail;
 using proto::Unexpected;
 
-/// Half floats end at 65,504: beyond this a page is written as float.
+/// A page with a larger value is written as float, since half floats end at 65,504.
 constexpr float kHalfLimitLx = 60'000;
 
 bool contains(const std::vector<std::string>& list, std::string_view item) {
@@ -34,7 +35,7 @@ struct PageLayer {
   TexelValue value;
 };
 
-/// Writes the files of one bake; fills the manifest on the way.
+/// Writes the files of one bake and fills the manifest on the way.
 class Writer {
  public:
   Writer(const std::filesystem::path& dir, const OutputInput& in,
@@ -69,8 +70,8 @@ class Writer {
     return {};
   }
 
-  proto::Expected<void> canceled() const {
-    if (stop_.stop_requested()) return proto::fail(proto::kCanceledCode, "the bake was cancelled");
+  proto::Expected<void> check_stop() const {
+    if (stop_.stop_requested()) return exec::canceled();
     return {};
   }
 
@@ -78,9 +79,9 @@ class Writer {
     return compose_page(in_.texels, page, value, settings_.post.dilate);
   }
 
-  /// The files of a page are made at the same time, one by each thread.
+  /// Writes the files of one page at the same time, each on its own thread.
   proto::Expected<void> write_page(std::uint32_t p) {
-    if (auto ok = canceled(); !ok) return ok;
+    if (auto ok = check_stop(); !ok) return ok;
     const image::PageImage irradiance = compose(p, irradiance_);
     auto info = look_at(p, irradiance);
     if (!info) return Unexpected(info.error());
@@ -110,7 +111,8 @@ class Writer {
     return {};
   }
 
-  /// Size, lit texels and their maximum.
+  /// Returns the page's size, its number of lit texels and their maximum. A value that is not
+  /// finite is an error.
   static proto::Expected<proto::PageInfo> look_at(std::uint32_t p,
                                                   const image::PageImage& irradiance) {
     proto::PageInfo info;
@@ -129,19 +131,19 @@ class Writer {
     return info;
   }
 
-  /// What the tasks of one page bring; each writes its own members.
+  /// The results of one page's tasks. Each task writes its own members.
   struct PageFiles {
     std::optional<proto::ResultFile> exr, preview;
     std::optional<LitPage> lit;
     std::optional<proto::Warning> warning;
   };
 
-  /// All tasks on the pool; the first error in their order.
+  /// Runs all tasks on the pool. Returns the first error in the order of the tasks.
   proto::Expected<void> run(std::span<const std::function<proto::Expected<void>()>> tasks) {
     std::vector<proto::Expected<void>> results(tasks.size());
     const bool whole = pool_.for_batches(std::uint32_t(tasks.size()), stop_,
                                          [&](std::uint32_t i) { results[i] = tasks[i](); });
-    if (!whole) return canceled();
+    if (!whole) return exec::canceled();
     for (auto& result : results)
       if (!result) return result;
     return {};
@@ -149,7 +151,7 @@ class Writer {
 
   proto::Expected<void> write_page_exr(std::uint32_t p, const image::PageImage& irradiance,
                                        const std::string& name, PageFiles& made) const {
-    std::vector<image::PageImage> images;  // of the other layers
+    std::vector<image::PageImage> images;  // the other layers' images
     images.reserve(layers_.size());
     std::vector<image::ExrLayer> named;
     float max = 0;
@@ -240,7 +242,7 @@ class Writer {
 
   proto::Expected<void> write_lit_scene() {
     if (!contains(settings_.output.formats, "glb")) return {};
-    if (auto ok = canceled(); !ok) return ok;
+    if (auto ok = check_stop(); !ok) return ok;
     if (auto ok = proto::write_whole(dir_ / "lit.glb",
                                      [&](const std::filesystem::path& temporary) {
                                        return in_.write_lit(temporary, lit_pages_, stop_);
@@ -250,10 +252,10 @@ class Writer {
     return add_file("lit.glb", "model/gltf-binary");
   }
 
-  /// The document cannot hold its own hash: it lists the other files, the caller's manifest lists
-  /// it.
+  /// Writes manifest.json. It cannot hold its own hash, so it lists the other files, and only the
+  /// caller's manifest lists it too.
   proto::Expected<void> write_manifest() {
-    if (auto ok = canceled(); !ok) return ok;
+    if (auto ok = check_stop(); !ok) return ok;
     manifest_.statistics.peak_memory_bytes = exec::peak_memory_bytes();
     const std::string text = proto::to_json(manifest_).dump(1) + "\n";
     if (auto ok = proto::write_bytes(dir_ / "manifest.json", text); !ok) return ok;
@@ -281,7 +283,7 @@ class Writer {
   exec::ThreadPool& pool_;
   std::stop_token stop_;
   std::vector<PageLayer> layers_;
-  TexelValue irradiance_;  ///< as a page shows it, whatever its layers
+  TexelValue irradiance_;  ///< as a page shows it, whatever its layers are
   std::vector<LitPage> lit_pages_;
 };
 

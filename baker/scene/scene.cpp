@@ -13,9 +13,9 @@ std::array<float, 256> make_srgb_table() {
 }
 const std::array<float, 256> kSrgbToLinear = make_srgb_table();
 
-/// Texel index for any integer coordinate [glTF 2.0, 5.26: wrap modes].
+/// Returns the texel index for any integer coordinate [glTF 2.0, 5.26: wrap modes].
 std::uint32_t wrap_index(std::int64_t i, std::int64_t n, Wrap wrap) {
-  if (i >= 0 && i < n) return std::uint32_t(i);  // most are, and division is slow
+  if (i >= 0 && i < n) return std::uint32_t(i);  // most indices are in range, and division is slow
   switch (wrap) {
     case Wrap::kClamp:
       return std::uint32_t(std::clamp<std::int64_t>(i, 0, n - 1));

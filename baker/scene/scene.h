@@ -11,21 +11,22 @@
 
 namespace kiln::scene {
 
-/// Albedo above this would let the Neumann series diverge: capped in every method, and reported.
+/// The highest albedo. Every method caps albedo here and reports it, since the Neumann series would
+/// diverge near 1.
 inline constexpr float kMaxAlbedo = 0.98f;
 
 enum class Wrap : std::uint8_t { kRepeat, kMirror, kClamp };
 
-/// A decoded image: linear Rec. 709 RGBA, 8 bits of sRGB code per colour channel kept as they came
-/// (decode with srgb_to_linear), row 0 = top. Alpha is linear.
+/// A decoded image: Rec. 709 RGBA, row 0 = top. Color channels keep their 8-bit sRGB codes, which
+/// srgb_to_linear() decodes. Alpha is linear.
 struct Image {
   std::uint32_t width = 0, height = 0;
   std::uint64_t first_texel = 0;  ///< into Scene::image_texels, width*height entries
 };
 
-/// An image seen through a sampler. Bilinear; `nearest` where the glTF asks for it.
+/// An image seen through a sampler, which is bilinear, or `nearest` where the glTF asks for it.
 struct Texture {
-  std::int32_t image = -1;  ///< -1: none, reads as 1
+  std::int32_t image = -1;  ///< -1: there is none, and it reads as 1
   Wrap wrap_u = Wrap::kRepeat, wrap_v = Wrap::kRepeat;
   bool nearest = false;
 };
@@ -56,9 +57,10 @@ struct Part {
 /// A node that carries a mesh.
 struct Instance {
   std::uint32_t node = 0, mesh = 0;  ///< indices in the glTF
-  std::string name;                  ///< node's, else mesh's name
+  std::string name;                  ///< the node's name, or else the mesh's
   std::uint32_t first_part = 0, part_count = 0;
-  /// The node's transform mirrors: scene triangles list (a, c, b) where the glTF lists (a, b, c).
+  /// The node's transform mirrors, so scene triangles list (a, c, b) where the glTF lists (a, b,
+  /// c).
   bool mirrored = false;
 };
 
@@ -67,25 +69,26 @@ enum class PunctualType : std::uint8_t { kDirectional, kPoint, kSpot };
 /// KHR_lights_punctual, in world space.
 struct PunctualLight {
   PunctualType type = PunctualType::kPoint;
-  math::Rgb intensity;                 ///< colour * intensity: lx (directional) or cd
+  math::Rgb intensity;                 ///< color * intensity: lx (directional) or cd
   math::Vec3 position;                 ///< m
-  math::Vec3 direction{0, 0, -1};      ///< unit, the way the light goes
+  math::Vec3 direction{0, 0, -1};      ///< unit, the direction in which the light travels
   float range = 0;                     ///< m; 0: unlimited
   float cos_inner = 1, cos_outer = 0;  ///< spot cone
 };
 
-/// A one-sided emitting rectangle that is not part of the geometry: it lights, but nothing hits it.
+/// A one-sided emitting rectangle that is not part of the geometry: it lights the scene, but no ray
+/// hits it.
 struct RectLight {
   math::Vec3 corner, edge_u, edge_v;  ///< m; emits towards cross(edge_u, edge_v)
   math::Rgb radiance;                 ///< cd/m2
 };
 
-/// Largest value in a sky map.
+/// The largest value in a sky map.
 inline constexpr float kMaxSkyValue = 1e12f;
 
 /// Radiance from outside the scene by direction: an equirectangular picture, row 0 at +Y. Its
-/// centre is seen along +X and what is right of it along +Z; then it is turned about +Y. A pixel
-/// has one radiance all over.
+/// center is seen along +X, and the middle of its right half along +Z; then it is turned about +Y.
+/// The radiance is constant over a pixel.
 struct SkyMap {
   std::uint32_t width = 0, height = 0;  ///< width = 2 * height; 0: there is no map
   std::vector<math::Rgb> texels;        ///< each in [0, kMaxSkyValue]
@@ -95,25 +98,25 @@ struct SkyMap {
   bool empty() const { return texels.empty(); }
 };
 
-/// Everything that a bake reads, in flat arrays of plain data (so that it can be written to a file
-/// and mapped). World space, metres, +Y up, right-handed. Vertex arrays run in parallel. Built once
-/// by import or by a generator, then never changed.
+/// Everything that a bake reads, in flat arrays of plain data, so that it can be written to a file
+/// and mapped. Coordinates are world space in meters, +Y up, right-handed. Vertex arrays run in
+/// parallel. A scene is immutable once it is built.
 struct Scene {
   std::vector<math::Vec3> positions;
-  std::vector<math::Vec3> normals;  ///< unit; flat normals were made where the source has none
+  std::vector<math::Vec3> normals;  ///< unit; flat normals where the source has none
   std::vector<math::Vec2>
       base_uv;  ///< of the material's base texture, KHR_texture_transform applied
   std::vector<math::Vec2> emission_uv;       ///< of the material's emission texture, likewise
   std::vector<math::Vec2> lightmap_uv;       ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
-  /// Which element of the glTF primitive's accessors each vertex came from. A part holds the
-  /// vertices that its triangles use and no others: in ascending order of this, each once; or,
-  /// where the primitive has no normals, three for each triangle in turn, so that faces are flat.
-  /// Two faces of one part are joined where they share source vertices, not scene vertices.
+  /// The element of the glTF primitive's accessors that each vertex comes from. A part holds the
+  /// vertices that its triangles use and no others, in ascending order of this index, each once.
+  /// Where the primitive has no normals it holds three for each triangle in turn, so that faces are
+  /// flat. Two faces of one part are joined where they share source vertices, not scene vertices.
   std::vector<std::uint32_t> source_vertex;
 
-  /// Vertex indices; counter-clockwise seen from the front (a mirrored node's were swapped).
-  /// No index is out of range, no triangle has zero area or a repeated vertex.
+  /// Vertex indices, counter-clockwise seen from the front (those of a mirrored node are swapped).
+  /// No index is out of range, and no triangle has zero area or a repeated vertex.
   std::vector<std::array<std::uint32_t, 3>> triangles;
   std::vector<std::uint32_t> triangle_part;
 
@@ -125,9 +128,9 @@ struct Scene {
   std::vector<PunctualLight> lights;
   std::vector<RectLight> rect_lights;
   math::Rgb sky;   ///< cd/m2, the same in every direction
-  SkyMap sky_map;  ///< adds to it
+  SkyMap sky_map;  ///< it adds to `sky`
 
-  std::vector<proto::Warning> warnings;  ///< what import did not honour
+  std::vector<proto::Warning> warnings;  ///< what the import ignored or changed
 
   const Material& material_of(std::uint32_t triangle) const {
     return materials[parts[triangle_part[triangle]].material];
@@ -144,25 +147,25 @@ inline math::Vec3 interpolate(math::Vec3 a, math::Vec3 b, math::Vec3 c, Bary t) 
   return a * (1 - t.u - t.v) + b * t.u + c * t.v;
 }
 math::Vec3 position_at(const Scene&, std::uint32_t triangle, Bary);
-/// Unit normal by the right-hand rule over the triangle's vertices.
+/// Returns the unit normal by the right-hand rule over the triangle's vertices.
 math::Vec3 geometric_normal(const Scene&, std::uint32_t triangle);
-/// Interpolated vertex normal, unit, on the geometric normal's side.
+/// Returns the interpolated vertex normal, unit, on the geometric normal's side.
 math::Vec3 shading_normal(const Scene&, std::uint32_t triangle, Bary);
 float triangle_area(const Scene&, std::uint32_t triangle);  ///< m2
-/// Whether three points can be a triangle of a scene: geometric_normal can make a unit vector of
-/// their cross product.
+/// Returns whether three points can be a triangle of a scene, which requires that
+/// geometric_normal() can make a unit vector of their cross product.
 inline bool has_area(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
   const math::Vec3 n = cross(b - a, c - a);
   return dot(n, n) >= std::numeric_limits<float>::min();
 }
-/// Albedo before the cap: factor * texture * vertex colour, each channel in [0, 1].
+/// Returns the albedo before the cap: factor * texture * vertex color, each channel in [0, 1].
 math::Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
-/// Emitted radiance, cd/m2.
+/// Returns the emitted radiance, cd/m2.
 math::Rgb emission_at(const Scene&, std::uint32_t triangle, Bary);
-/// Whether any point of the triangle may emit (factor not black).
+/// Returns whether any point of the triangle may emit (its factor is not black).
 bool is_emissive(const Scene&, std::uint32_t triangle);
 
-/// sRGB code value (0..255) to linear (0..1), IEC 61966-2-1.
+/// Converts an sRGB code value (0..255) to linear (0..1), IEC 61966-2-1.
 float srgb_to_linear(std::uint8_t code);
 
 }  // namespace kiln::scene

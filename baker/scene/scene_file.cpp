@@ -30,7 +30,7 @@ std::uint32_t append(std::string& text, const std::string& piece) {
   return static_cast<std::uint32_t>(piece.size());
 }
 
-/// The small arrays, as records.
+/// The small arrays of a scene, as records.
 struct Records {
   std::vector<PartRecord> parts;
   std::vector<InstanceRecord> instances;

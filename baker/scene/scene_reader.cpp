@@ -15,13 +15,13 @@ using proto::Expected;
 constexpr float kMaxCoordinate = 1e9f;
 
 bool is_in(float value, float low, float high) {
-  return value >= low && value <= high;  // false for what is no number
+  return value >= low && value <= high;  // NaN gives false
 }
 bool is_light(math::Rgb c) {
   constexpr float kMax = std::numeric_limits<float>::max();
   return is_in(c.r, 0, kMax) && is_in(c.g, 0, kMax) && is_in(c.b, 0, kMax);
 }
-/// Unit length, as far as normalising the shortest vectors gives it.
+/// Returns whether `v` has unit length, as far as normalizing the shortest vectors achieves it.
 bool is_direction(math::Vec3 v) {
   return is_in(dot(v, v), 0.25f, 4);
 }
@@ -37,7 +37,7 @@ class Reader {
                             &Reader::read_lights, &Reader::read_warnings})
       if (auto ok = (this->*step)(); !ok) return proto::Unexpected(ok.error());
     if (text_at_ != file_.bytes(kText).size())
-      return files::bad_flat_file("it has text that nobody owns");
+      return files::bad_flat_file("it holds text that no record uses");
     return std::move(scene_);
   }
 
@@ -95,7 +95,7 @@ class Reader {
     return true;
   }
 
-  /// Instances with their parts, which follow each other without gaps.
+  /// Reads the instances with their parts, which follow each other without gaps.
   proto::Expected<void> read_instances() {
     constexpr std::uint64_t kMaxCount = 0xffffffffu;
     const auto parts = file_.records<PartRecord>(kParts);
@@ -140,7 +140,8 @@ class Reader {
     return true;
   }
 
-  /// Texture coordinates of the materials may be anything: whoever samples an image bounds them.
+  /// Reads the vertices. Texture coordinates of the materials may hold any value, since the sampler
+  /// of an image bounds them.
   proto::Expected<void> read_vertices() {
     const std::size_t n = scene_.positions.size();
     if (scene_.normals.size() != n || scene_.base_uv.size() != n ||
@@ -165,7 +166,7 @@ class Reader {
       if (stopped_()) return exec::canceled();
       const Part& part = scene_.parts[scene_.triangle_part[t]];
       const Triangle& v = scene_.triangles[t];
-      for (const std::uint32_t i : v)  // below first_vertex, the difference is large
+      for (const std::uint32_t i : v)  // an index below first_vertex gives a large difference
         if (i - part.first_vertex >= part.vertex_count) return bad("a triangle");
       if (!has_area(scene_.positions[v[0]], scene_.positions[v[1]], scene_.positions[v[2]]))
         return bad("a triangle");
@@ -224,14 +225,14 @@ class Reader {
   }
 
   static proto::Unexpected bad(const char* what) {
-    return files::bad_flat_file(std::string(what) + " is not what an import makes");
+    return files::bad_flat_file(std::string(what) + " has a value that no import writes");
   }
 
   const files::FlatFile& file_;
   std::stop_token stop_;
   exec::StopPoll stopped_;
   Scene scene_;
-  std::uint64_t vertices_ = 0, triangles_ = 0;  ///< of the parts so far
+  std::uint64_t vertices_ = 0, triangles_ = 0;  ///< number in the parts so far
   std::size_t text_at_ = 0;
 };
 

@@ -11,7 +11,8 @@
 /// The layout of a scene file (scene_file.h), which its writer and its reader share.
 namespace kiln::scene {
 
-// Records: fixed sizes, no padding, no bool, no enumeration, nothing that some bits can't be.
+// Records have fixed sizes and no padding. They hold no bool and no enumeration, since not all bits
+// are valid values of those.
 struct PartRecord {
   std::uint32_t primitive, material, vertices, triangles, has_lightmap_uv;
 };
@@ -66,7 +67,7 @@ enum Section : std::size_t {
   kSkyTexels,
   kLights,
   kWarnings,
-  kText,  ///< names of instances, then code, pointer and message of each warning
+  kText,  ///< the names of instances, then the code, pointer and message of each warning
 };
 inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
     sizeof(math::Vec3),     sizeof(math::Vec3),     sizeof(math::Vec2),

@@ -19,7 +19,7 @@ constexpr const char* kFooter = R"(Examples:
   lightkiln submit cornell.glb --wait -o out/  bake it there
   curl -F scene=@cornell.glb http://127.0.0.1:8080/v1/jobs
 
-`lightkiln COMMAND --help` explains a command, `lightkiln settings` the settings of a bake.
+`lightkiln COMMAND --help` explains a command; `lightkiln settings` lists the settings of a bake.
 
 Exit codes: 0 done; 1 the job failed, or the service can't be reached; 2 wrong usage or input.)";
 
@@ -42,7 +42,7 @@ int run_program(int argc, char** argv) {
   }
   try {
     app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {  // The library's way to say --help, too.
+  } catch (const CLI::ParseError& e) {  // the library also reports --help so
     return app.exit(e) == 0 ? kDone : kUsage;
   }
   try {

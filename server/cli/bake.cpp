@@ -28,7 +28,7 @@ struct BakeFlags {
   bool quiet = false, json = false;
 };
 
-/// Forwards the bake's course to the progress view.
+/// Forwards the bake's progress and warnings to the progress view.
 class Observer : public baker::BakeObserver {
  public:
   explicit Observer(ProgressView& view) : view_(view) {}
@@ -55,7 +55,8 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   auto side = flags.scene.side_files(input.settings);
   if (!side) return proto::Unexpected(std::move(side.error()));
   input.files = {flags.scene.path, std::move(*side), input.settings.sky.map};
-  // By the service's path, but for its limits: who bakes here has chosen the scene and the machine.
+  // The scene takes the service's path, without its limits: the user has chosen the scene and the
+  // machine.
   sandbox::Importer::Options importing;
   importing.process.zygote = std::make_shared<sandbox::Zygote>(sandbox::Zygote::Options{});
   input.source = sandbox::Importer(importing).open(input.files, input.scene_key, {});
@@ -73,7 +74,7 @@ void print_summary(const BakeFlags& flags, const proto::Manifest& manifest) {
   }
   if (flags.quiet) return;
   const std::filesystem::path dir(flags.out);
-  bool listed = false;  // A manifest can't hold its own digest, so its list may leave itself out.
+  bool listed = false;  // a manifest can't hold its own digest, so its list may omit it
   for (const auto& file : manifest.files) {
     std::puts((dir / file.name).c_str());
     listed |= file.name == "manifest.json";
@@ -86,7 +87,7 @@ int run_bake(const BakeFlags& flags) {
   if (!input) return report(input.error());
   const unsigned threads =
       flags.threads != 0 ? flags.threads : std::max(1u, std::thread::hardware_concurrency());
-  const Interrupt interrupt;  // Before the pool: its threads inherit the signal mask.
+  const Interrupt interrupt;  // made before the pool, whose threads inherit the signal mask
   exec::ThreadPool pool(threads);
   ProgressView view(ProgressView::style_for(flags.quiet));
   Observer observer(view);
@@ -103,7 +104,7 @@ void add_bake(CLI::App& app, Run& run) {
   auto flags = std::make_shared<BakeFlags>();
   auto* command = app.add_subcommand("bake", "Bake a scene here, without a service");
   flags->scene.add_flags(*command);
-  command->add_option("-o,--out", flags->out, "Folder for the results; made when missing")
+  command->add_option("-o,--out", flags->out, "Folder for the results; created when missing")
       ->required()
       ->type_name("DIR");
   flags->settings.add_flags(*command);
@@ -112,7 +113,7 @@ void add_bake(CLI::App& app, Run& run) {
       ->type_name("N")
       ->envname("LIGHTKILN_THREADS")
       ->capture_default_str();
-  command->add_flag("-q,--quiet", flags->quiet, "Say nothing but errors");
+  command->add_flag("-q,--quiet", flags->quiet, "Print errors only");
   command->add_flag("--json", flags->json, "Print manifest.json on stdout");
   command->footer(R"(Examples:
   lightkiln bake room.glb -o out/
@@ -121,8 +122,8 @@ void add_bake(CLI::App& app, Run& run) {
   lightkiln bake yard.glb -o out/ --sky noon_4k.exr --set sky.scale=20000
   lightkiln bake room.glb -o out/ --settings bake.json --json > manifest.json
 
-Writes page_NN.exr (irradiance in lux), page_NN.png (previews), lit.glb and manifest.json: exactly
-what the service would return.)");
+Writes page_NN.exr (irradiance in lux), page_NN.png (previews), lit.glb and manifest.json, exactly
+as the service would return them.)");
   command->callback([flags, &run] { run = [flags] { return run_bake(*flags); }; });
 }
 

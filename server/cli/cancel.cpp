@@ -40,7 +40,7 @@ void add_cancel(CLI::App& app, Run& run) {
   auto flags = std::make_shared<ActionFlags>();
   auto* command = app.add_subcommand("cancel", "Stop a job");
   command->add_option("id", flags->id, "The job")->required()->type_name("ID");
-  command->add_flag("--keep", flags->keep, "Make a result of the passes that are done");
+  command->add_flag("--keep", flags->keep, "Turn the passes that are done into the result");
   flags->remote.add_server(*command);
   command->footer("Prints the job's state. A job that has ended stays as it is.");
   command->callback([flags, &run] { run = [flags] { return run_cancel(*flags); }; });
@@ -48,12 +48,12 @@ void add_cancel(CLI::App& app, Run& run) {
 
 void add_retry(CLI::App& app, Run& run) {
   auto flags = std::make_shared<ActionFlags>();
-  auto* command = app.add_subcommand("retry", "Run a job again that failed or was canceled");
+  auto* command = app.add_subcommand("retry", "Run a failed or canceled job again");
   command->add_option("id", flags->id, "The job")->required()->type_name("ID");
   command->add_flag("--from-start", flags->from_start,
-                    "Make all passes again, instead of going on after the last one");
+                    "Run all passes again instead of resuming after the last one");
   flags->remote.add_server(*command);
-  command->footer("Prints the job's state; `lightkiln watch` shows how it goes.");
+  command->footer("Prints the job's state; `lightkiln watch` shows its progress.");
   command->callback([flags, &run] { run = [flags] { return run_retry(*flags); }; });
 }
 

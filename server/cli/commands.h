@@ -6,8 +6,9 @@ namespace CLI {
 class App;
 }
 
-/// One function per command: adds it with its flags and help to the program, and has `run` set to
-/// its work when the command line asks for it. `run` returns the process's exit code.
+/// There is one function per command. It adds the command with its flags and help to the program,
+/// and sets `run` to the command's work when the command line asks for it. `run` returns the
+/// process's exit code.
 namespace kiln::cli {
 
 using Run = std::function<int()>;
@@ -26,9 +27,9 @@ void add_settings(CLI::App&, Run&);
 void add_token(CLI::App&, Run&);
 void add_doctor(CLI::App&, Run&);
 void add_version(CLI::App&, Run&);
-void add_import_stage(CLI::App&, Run&);  ///< hidden: what the others start to read scenes
+void add_import_stage(CLI::App&, Run&);  ///< hidden: the other commands start it to read scenes
 
-/// The whole program: parses, runs, returns the exit code.
+/// Parses the command line, runs the command and returns the exit code.
 int run_program(int argc, char** argv);
 
 }  // namespace kiln::cli

@@ -28,7 +28,7 @@ nlohmann::json figures(const output::CompareResult& r) {
 
 void print_figures(const output::CompareResult& r) {
   std::printf("texels compared   %llu\n", static_cast<unsigned long long>(r.texels));
-  std::printf("lit in one only   %llu\n", static_cast<unsigned long long>(r.uncovered));
+  std::printf("lit in A only      %llu\n", static_cast<unsigned long long>(r.uncovered));
   std::printf("mean of A         %.6g\n", r.mean_reference);
   std::printf("RMSE              %.6g\n", r.rmse);
   std::printf("nRMSE             %.6g   (RMSE / mean of A)\n", r.nrmse);
@@ -58,7 +58,7 @@ int run_compare(const CompareFlags& flags) {
     std::puts(proto::to_text(figures(*result), 2).c_str());
   else
     print_figures(*result);
-  // Not "nrmse > limit": an nRMSE that is not a number is a failure too.
+  // This is not "nrmse > limit", because an nRMSE that is not a number is a failure too.
   const bool fine = !flags.fail_above || result->nrmse <= *flags.fail_above;
   return fine ? kDone : kFailed;
 }
@@ -67,7 +67,7 @@ int run_compare(const CompareFlags& flags) {
 
 void add_compare(CLI::App& app, Run& run) {
   auto flags = std::make_shared<CompareFlags>();
-  auto* command = app.add_subcommand("compare", "Error figures between two lightmap pages");
+  auto* command = app.add_subcommand("compare", "Compare two lightmap pages");
   command->add_option("reference", flags->reference, "The page to measure against")
       ->required()
       ->check(CLI::ExistingFile)
@@ -80,7 +80,7 @@ void add_compare(CLI::App& app, Run& run) {
   command->add_option("--fail-above", flags->fail_above, "Exit with 1 when nRMSE is above this")
       ->check(CLI::NonNegativeNumber)
       ->type_name("NRMSE");
-  command->footer(R"(Texels that are lit in both images are compared, by their R, G and B.
+  command->footer(R"(Compares R, G and B of the texels that are lit in both images.
 
 Examples:
   lightkiln compare reference/page_00.exr out/page_00.exr

@@ -20,7 +20,7 @@ using base::ServerConfig;
 
 constexpr std::string_view kPrefix = "LIGHTKILN_";
 
-/// Variables of other commands and of the loader itself.
+/// These variables belong to other commands or to the loader itself.
 constexpr std::array<std::string_view, 3> kOtherVariables{"LIGHTKILN_CONFIG", "LIGHTKILN_SERVER",
                                                           "LIGHTKILN_TOKEN"};
 
@@ -131,12 +131,12 @@ const std::vector<ConfigRow>& config_rows() {
       {"http_threads", true, "a number from 2 to 1024", "Threads that answer requests",
        parse_number<&C::http_threads, 2, 1024>, show_number<&C::http_threads>},
       {"max_connections", true, "a number from 16 to 1000000",
-       "Connections that are open at a time, event streams among them; at most half of the\n"
+       "Connections that may be open at a time, event streams included; at most half of the\n"
        "descriptors that the process may have; one more is refused with overloaded",
        parse_number<&C::max_connections, 16, 1'000'000>, show_number<&C::max_connections>},
       {"max_connections_per_address", true, "a number from 0 to 1000000",
-       "Of these, connections from one address, which may be a proxy's; one more is refused with\n"
-       "too_many_connections; 0: no limit of its own",
+       "Connections from one address, perhaps a proxy's, that may be open; one more is refused with\n"
+       "too_many_connections; 0: no separate limit",
        parse_number<&C::max_connections_per_address, 0, 1'000'000>,
        show_number<&C::max_connections_per_address>},
       {"max_uploads_per_address", true, "a number from 0 to 1000000",
@@ -149,8 +149,8 @@ const std::vector<ConfigRow>& config_rows() {
        parse_number<&C::max_uploads_per_tenant, 0, 1'000'000>,
        show_number<&C::max_uploads_per_tenant>},
       {"slow_request_ms", true, "a number from 0 to 3600000",
-       "Milliseconds of work for one request, without its client's share, from which on the log\n"
-       "warns of it (request.slow); 0: never",
+       "Milliseconds of work from which on the log warns of a request (request.slow), not counting\n"
+       "the time that its client takes; 0: never",
        parse_number<&C::slow_request_ms, 0, 3'600'000>, show_number<&C::slow_request_ms>},
       {"max_upload_bytes", false, "a number of bytes from 1KiB on, such as 536870912 or 512MiB",
        "Largest body of a request", parse_bytes<&C::max_upload_bytes, 1024>,
@@ -159,7 +159,7 @@ const std::vector<ConfigRow>& config_rows() {
        "Largest JSON body or settings part", parse_bytes<&C::max_request_json_bytes, 1024>,
        show_number<&C::max_request_json_bytes>},
       {"max_scene_triangles", true, "a number from 1 to 1000000000",
-       "Triangles of a scene, each use of a mesh counted; more are refused with limit_exceeded",
+       "Triangles of a scene, counting each use of a mesh; more are refused with limit_exceeded",
        parse_number<&C::max_scene_triangles, 1, 1'000'000'000>,
        show_number<&C::max_scene_triangles>},
       {"max_scene_nodes", true, "a number from 1 to 10000000", "Nodes of a scene",
@@ -194,25 +194,25 @@ const std::vector<ConfigRow>& config_rows() {
        "Jobs that may wait; one more is refused with queue_full",
        parse_number<&C::max_queued_jobs, 1, 1'000'000>, show_number<&C::max_queued_jobs>},
       {"max_job_seconds", true, "a number from 0 to 31536000",
-       "Seconds that one attempt at a job may take, then it fails with bake_timeout; 0: no limit",
+       "Seconds that one attempt at a job may take before it fails with bake_timeout; 0: no limit",
        parse_number<&C::max_job_seconds, 0, 31'536'000>, show_number<&C::max_job_seconds>},
       {"checkpoint_percent", true, "a number from 1 to 100",
-       "Share of the processors' time that a bake's checkpoints may take; short passes share one;\n"
-       "100: each pass waits for one of its own",
+       "Percent of the processors' time that a bake's checkpoints may take; short passes share a\n"
+       "checkpoint; 100: each pass waits for one of its own",
        parse_number<&C::checkpoint_percent, 1, 100>, show_number<&C::checkpoint_percent>},
       {"checkpoint_seconds", true, "a number from 1 to 86400",
-       "Seconds of one pass after which what it has computed goes into a checkpoint",
+       "Seconds of a pass after which its results so far go into a checkpoint",
        parse_number<&C::checkpoint_seconds, 1, 86400>, show_number<&C::checkpoint_seconds>},
       {"max_queued_jobs_per_tenant", true, "a number from 0 to 1000000",
-       "Jobs of one tenant that may wait; 0: no limit of its own",
+       "Jobs of one tenant that may wait; 0: no separate limit",
        parse_number<&C::max_queued_jobs_per_tenant, 0, 1'000'000>,
        show_number<&C::max_queued_jobs_per_tenant>},
       {"max_running_jobs_per_tenant", true, "a number from 0 to 256",
-       "Jobs of one tenant that bake at the same time; 0: no limit of its own",
+       "Jobs of one tenant that may bake at the same time; 0: no separate limit",
        parse_number<&C::max_running_jobs_per_tenant, 0, 256>,
        show_number<&C::max_running_jobs_per_tenant>},
       {"max_bytes_per_tenant", false, "0 or a number of bytes, such as 20GiB",
-       "Results of one tenant's jobs; beyond, new jobs are refused; 0: no limit",
+       "Bytes of one tenant's results, beyond which new jobs are refused; 0: no limit",
        parse_bytes<&C::max_bytes_per_tenant, 0>, show_number<&C::max_bytes_per_tenant>},
       {"max_texels_per_tenant_per_day", true, "a number from 0 to 10^15",
        "Texels that the jobs of one tenant may bake in a day of UTC; 0: no limit",
@@ -223,22 +223,22 @@ const std::vector<ConfigRow>& config_rows() {
        parse_number<&C::max_cpu_seconds_per_tenant_per_day, 0, 1'000'000'000'000>,
        show_number<&C::max_cpu_seconds_per_tenant_per_day>},
       {"max_requests_per_minute_per_tenant", true, "a number from 0 to 1000000",
-       "Requests of one tenant; one more is refused with rate_limited; 0: no limit",
+       "Requests of one tenant in a minute; one more is refused with rate_limited; 0: no limit",
        parse_number<&C::max_requests_per_minute_per_tenant, 0, 1'000'000>,
        show_number<&C::max_requests_per_minute_per_tenant>},
       {"max_requests_per_minute_per_token", true, "a number from 0 to 1000000",
-       "The same of one token; 0: no limit",
+       "Requests of one token in a minute; one more is refused with rate_limited; 0: no limit",
        parse_number<&C::max_requests_per_minute_per_token, 0, 1'000'000>,
        show_number<&C::max_requests_per_minute_per_token>},
       {"job_ttl_seconds", true, "a number from 0 to 315360000",
-       "Seconds that a job and its files are kept after its end, unless it says; 0: for ever",
+       "Seconds that a job and its files are kept after it ends, unless it sets its own; 0: forever",
        parse_number<&C::job_ttl_seconds, 0, 315'360'000>, show_number<&C::job_ttl_seconds>},
       {"leftover_ttl_seconds", true, "a number from 1 to 315360000",
-       "Seconds that scenes which no job names and checkpoints of failed jobs are kept",
+       "Seconds that checkpoints of failed jobs, and scenes that no job uses, are kept",
        parse_number<&C::leftover_ttl_seconds, 1, 315'360'000>,
        show_number<&C::leftover_ttl_seconds>},
       {"max_data_bytes", false, "0 or a number of bytes, such as 500GiB",
-       "Jobs that are over are deleted, oldest first, while the folder is larger; 0: no limit",
+       "Bytes of the data folder, beyond which finished jobs are deleted, oldest first; 0: no limit",
        parse_bytes<&C::max_data_bytes, 0>, show_number<&C::max_data_bytes>},
       {"heartbeat_seconds", true, "a number from 1 to 3600",
        "Seconds between comments on a silent event stream",
@@ -254,7 +254,7 @@ const std::vector<ConfigRow>& config_rows() {
        parse_networks, [](const C& c) { return c.webhook_networks; }},
       {"log_level", false, "trace, debug, info, warn, error or off", "Least important line to log",
        parse_log_level, [](const C& c) { return c.log_level; }},
-      {"log_format", false, "text or json", "One line per event for people or for programs",
+      {"log_format", false, "text or json", "Form of the log's lines: text for people, json for programs",
        parse_log_format,
        [](const C& c) { return std::string(c.log_format == LogFormat::kJson ? "json" : "text"); }},
   };
@@ -298,7 +298,7 @@ std::filesystem::path default_data_folder(const Environment& environment) {
 
 namespace {
 
-/// Puts values over one another and notes what is wrong with them.
+/// Applies the sources over one another and collects what is wrong with them.
 class Loader {
  public:
   explicit Loader(const ConfigSources& sources) : sources_(sources) {
@@ -396,7 +396,7 @@ std::string config_text(const LoadedConfig& loaded) {
     const std::string value = row.show(loaded.config);
     const bool bare = !value.empty() && whole_number(value) && row.name != "listen" &&
                       row.name != "admin_listen" && row.name != "data";
-    // The help breaks long descriptions into lines; each has to be a comment here.
+    // Long descriptions have line breaks for the help. Here each of their lines must be a comment.
     std::string description(row.description);
     for (auto at = description.find('\n'); at != std::string::npos;
          at = description.find('\n', at + 3))

@@ -10,17 +10,18 @@
 #include "proto/expected.h"
 #include "server/base/config.h"
 
-/// Where a ServerConfig comes from: flags, then LIGHTKILN_* variables, then a TOML file, then
-/// defaults. One table gives the flags and their help, the variables, the file's keys and the echo.
+/// A ServerConfig comes from flags, then LIGHTKILN_* variables, then a TOML file, then defaults.
+/// One table defines the flags and their help, the variables, the file's keys and the echo.
 namespace kiln::cli {
 
-/// One setting of the service as text.
+/// One setting of the service in its text form.
 struct ConfigRow {
   std::string_view name;  ///< "max_upload_bytes"; the flag is --max-upload-bytes
   bool is_number = false;
   std::string_view expected;  ///< "a number of bytes: 1073741824, 512MiB, 1GiB"
   std::string_view description;
-  /// False when the text is not what `expected` says; the config is then unchanged.
+  /// Sets the value. Returns false, and leaves the config unchanged, when the text is not what
+  /// `expected` says.
   bool (*parse)(base::ServerConfig&, const std::string& text);
   std::string (*show)(const base::ServerConfig&);
 };
@@ -35,8 +36,8 @@ Environment process_environment();
 
 struct ConfigSources {
   std::map<std::string, std::string> flags;               ///< by row name
-  Environment environment;                                ///< all of it
-  std::optional<std::filesystem::path> file;              ///< named by the user: must exist
+  Environment environment;                                ///< all variables of the process
+  std::optional<std::filesystem::path> file;              ///< named by the user, so it must exist
   std::filesystem::path default_file = "lightkiln.toml";  ///< used when it exists
 };
 
@@ -46,14 +47,16 @@ struct LoadedConfig {
       origin;  ///< row name -> "flag", "LIGHTKILN_PORT", file, "default"
 };
 
-/// All problems at once. Errors: `invalid_config`, each place with source "flag", "environment" or
-/// "file"; unknown keys and LIGHTKILN_* variables are problems.
+/// Loads the configuration and reports all problems at once. Errors: `invalid_config`, each place
+/// with source "flag", "environment" or "file"; unknown keys and LIGHTKILN_* variables are
+/// problems.
 proto::Expected<LoadedConfig> load_config(const ConfigSources&);
 
-/// As TOML that load_config() reads back, each value with its description and origin.
+/// Returns the configuration as TOML that load_config() reads back, each value with its description
+/// and origin.
 std::string config_text(const LoadedConfig&);
 
-/// $XDG_DATA_HOME/lightkiln, else ~/.local/share/lightkiln, else ./lightkiln-data.
+/// Returns $XDG_DATA_HOME/lightkiln, else ~/.local/share/lightkiln, else ./lightkiln-data.
 std::filesystem::path default_data_folder(const Environment&);
 
 }  // namespace kiln::cli

@@ -44,10 +44,10 @@ void add_doctor(CLI::App& app, Run& run) {
   const auto as_json = std::make_shared<bool>(false);
   command->add_flag("--json", *as_json, "Print a JSON document instead of lines");
   command->footer(
-      R"(Takes the flags of `serve`, and looks at the machine as that service would meet it: processor,
-memory, disk, descriptors, ports, tokens, clock, SQLite. While the service runs its ports are in use.
+      R"(Takes the flags of `serve` and checks the machine for that service: processor, memory, disk,
+descriptors, ports, tokens, clock, SQLite. While the service runs, its ports are in use.
 
-Exit codes: 0 it can (warnings are only printed), 1 something has to be mended first, 2 wrong
+Exit codes: 0 it can (warnings are only printed), 1 something must be fixed first, 2 wrong
 configuration.)");
   command->callback(
       [flags, as_json, &run] { run = [flags, as_json] { return run_doctor(*flags, *as_json); }; });

@@ -26,14 +26,14 @@ void add_fetch(CLI::App& app, Run& run) {
   auto flags = std::make_shared<FetchFlags>();
   auto* command = app.add_subcommand("fetch", "Download the results of a job");
   command->add_option("id", flags->id, "The job")->required()->type_name("ID");
-  command->add_option("-o,--out", flags->out, "Folder for the results; made when missing")
+  command->add_option("-o,--out", flags->out, "Folder for the results; created when missing")
       ->required()
       ->type_name("DIR");
   flags->remote.add_server(*command);
   flags->remote.add_quiet(*command);
   command->footer(
       "Each file is checked against its SHA-256 and appears only when it is whole. Files that are\n"
-      "there already and right are not loaded again.");
+      "already there and right are not downloaded again.");
   command->callback([flags, &run] { run = [flags] { return run_fetch(*flags); }; });
 }
 

@@ -10,7 +10,7 @@ void add_import_stage(CLI::App& app, Run& run) {
   const auto add = [&](const char* name, void (*process)(int parent)) {
     auto parent = std::make_shared<int>(0);
     auto* command = app.add_subcommand(name, "");
-    command->group("");  // not for people: kept out of the help
+    command->group("");  // not for people, so the help leaves it out
     command->add_option("PID", *parent)->required();
     command->callback([parent, process, &run] {
       run = [parent, process]() -> int {

@@ -16,7 +16,7 @@ Interrupt::Interrupt() {
 
 Interrupt::~Interrupt() {
   waiter_.request_stop();
-  // To that thread alone, where it is blocked: it ends the wait and nothing else.
+  // The signal goes to that thread alone, which blocks it, so it ends the wait and nothing else.
   ::pthread_kill(waiter_.native_handle(), SIGTERM);
   waiter_.join();
   ::pthread_sigmask(SIG_SETMASK, &before_, nullptr);

@@ -6,8 +6,8 @@
 
 namespace kiln::cli {
 
-/// While it lives, SIGINT and SIGTERM request a stop instead of ending the process. Make it before
-/// other threads start: they inherit the mask that keeps the signals for it.
+/// While an object lives, SIGINT and SIGTERM request a stop instead of ending the process. Make it
+/// before other threads start, so that they inherit the mask that reserves the signals for it.
 class Interrupt {
  public:
   Interrupt();

@@ -9,8 +9,8 @@
 
 namespace kiln::cli {
 
-/// Shows how far a bake is: one line that is redrawn on a terminal, a line per stage, pass and
-/// tenth of the whole elsewhere. Writes to stderr. Callable from many threads.
+/// Shows the progress of a bake. On a terminal it redraws one line; elsewhere it prints a line per
+/// stage, pass and tenth of the whole. It writes to stderr. Callable from many threads.
 class ProgressView {
  public:
   enum class Style { kBar, kLines, kQuiet };
@@ -21,11 +21,11 @@ class ProgressView {
   ProgressView& operator=(const ProgressView&) = delete;
 
   void update(const proto::JobProgress&);
-  /// A line of its own, above the bar; nothing when quiet.
+  /// Prints a line above the bar, or nothing when quiet.
   void note(const std::string&);
   void finish();  ///< clears the bar
 
-  /// kQuiet when asked for, kBar when stderr is a terminal, else kLines.
+  /// Returns kQuiet when `quiet` is set, kBar when stderr is a terminal, else kLines.
   static Style style_for(bool quiet);
 
  private:
@@ -43,7 +43,7 @@ class ProgressView {
   void clear();
 };
 
-/// "solve, pass 3 of at most 17, 54 %": what both styles say.
+/// Returns the words that both styles show: "solve, pass 3 of at most 17, last change 2.1 %".
 std::string progress_words(const proto::JobProgress&);
 
 }  // namespace kiln::cli

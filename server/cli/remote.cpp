@@ -16,7 +16,7 @@ namespace kiln::cli {
 
 namespace {
 
-// Not a flag: every user of a machine sees the others' command lines.
+// Reads the token. It is no flag, since every user of a machine sees the others' command lines.
 proto::Expected<std::string> token(const std::string& file) {
   constexpr std::uint64_t kMaxBytes = 4096;
   std::string text;
@@ -40,13 +40,13 @@ void RemoteFlags::add_server(CLI::App& app) {
       ->type_name("URL")
       ->capture_default_str();
   app.add_option("--token-file", token_file,
-                 "File with the token for the service, where it wants one\n"
-                 "[the variable LIGHTKILN_TOKEN, which holds the token itself]")
+                 "File with the token for the service, if it needs one\n"
+                 "[the token in the variable LIGHTKILN_TOKEN]")
       ->type_name("FILE");
 }
 
 void RemoteFlags::add_quiet(CLI::App& app) {
-  app.add_flag("-q,--quiet", quiet, "Say nothing but errors");
+  app.add_flag("-q,--quiet", quiet, "Print errors only");
 }
 
 proto::Expected<std::unique_ptr<clients::Client>> RemoteFlags::client() const {
@@ -59,7 +59,7 @@ proto::Expected<std::unique_ptr<clients::Client>> RemoteFlags::client() const {
 
 namespace {
 
-/// Shows what is known of an event; those of a later version's types are left alone.
+/// Shows an event. Types of a later version are ignored.
 void show(const proto::Event& event, ProgressView& view) {
   auto doc = proto::parse_json(event.data, "event");
   if (!doc || !doc->is_object()) {

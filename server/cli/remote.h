@@ -12,7 +12,7 @@ class App;
 
 namespace kiln::cli {
 
-/// What the commands that talk to a service have in common.
+/// The flags that all commands share which talk to a service.
 struct RemoteFlags {
   std::string server = clients::kDefaultServer;
   std::string token_file;
@@ -23,14 +23,15 @@ struct RemoteFlags {
   proto::Expected<std::unique_ptr<clients::Client>> client() const;
 };
 
-/// Shows a job's progress until it ends; the job as it then is.
+/// Shows a job's progress until it ends. Returns the job as it is then.
 proto::Expected<proto::JobSummary> watch_job(clients::Client&, const std::string& id, bool quiet);
 
-/// Downloads all results into `dir`, made when missing, and prints the files' paths unless quiet.
+/// Downloads all results into `dir`, which it creates when missing. Prints the files' paths unless
+/// `quiet` is set.
 proto::Expected<void> fetch_results(clients::Client&, const std::string& id, const std::string& dir,
                                     bool quiet);
 
-/// Says how a job ended, on stderr unless it succeeded; the exit code that belongs to it.
+/// Reports on stderr how a job ended, unless it succeeded. Returns the exit code for it.
 int report_end(const proto::JobSummary&);
 
 }  // namespace kiln::cli

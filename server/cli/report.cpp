@@ -31,7 +31,8 @@ constexpr std::array<Hint, 12> kHints{{
     {"unknown_generator", "`lightkiln scene --list` names them all"},
 }};
 
-/// Foreign text must not move the cursor or color the terminal.
+/// Replaces control characters, since text from outside must not move the cursor or color the
+/// terminal.
 std::string printable(std::string text) {
   std::replace_if(
       text.begin(), text.end(),
@@ -44,7 +45,7 @@ std::string printable(std::string text) {
 Exit exit_code_of(const proto::Error& error) {
   if (error.code == "invalid_config" || error.code == "usage") return kUsage;
   const int status = proto::problem_kind(error.code).status;
-  // 4xx means other input would help, but for those that time or another job's state decides.
+  // 4xx means that other input would help, except where time or another job's state decides.
   const bool passing = status == 408 || status == 409 || status == 425 || status == 429;
   return status >= 400 && status < 500 && !passing ? kUsage : kFailed;
 }

@@ -13,14 +13,14 @@ enum Exit : int {
   kUsage = 2,   ///< the command line or the input is wrong
 };
 
-/// Whom an error is to be put down to: kUsage when other input would help, else kFailed.
+/// Returns the exit code for an error: kUsage when other input would help, else kFailed.
 Exit exit_code_of(const proto::Error&);
 
-/// What was wrong, where, and what to do about it: several lines, each ending in a line break.
-/// Control characters of foreign text are replaced.
+/// Describes an error: what is wrong, where, and what to do about it. The text has several lines,
+/// each ending in a line break. Control characters from outside are replaced.
 std::string error_text(const proto::Error&);
 
-/// error_text() on stderr; returns exit_code_of().
+/// Prints error_text() on stderr and returns exit_code_of().
 int report(const proto::Error&);
 
 }  // namespace kiln::cli

@@ -45,11 +45,11 @@ int run_scene(const SceneFlags& flags) {
 void add_scene(CLI::App& app, Run& run) {
   auto flags = std::make_shared<SceneFlags>();
   auto* command = app.add_subcommand("scene", "Write a generated test scene");
-  command->add_option("name", flags->name, "One of those that --list names")->type_name("NAME");
+  command->add_option("name", flags->name, "A name that --list prints")->type_name("NAME");
   command->add_option("-o,--out", flags->out, "The .glb to write")->type_name("FILE");
   command
       ->add_option("--detail", flags->detail,
-                   "Fineness of curved and bumpy parts; 0: the scene's own")
+                   "Fineness of curved and bumpy parts; 0: the scene's default")
       ->check(CLI::Range(0u, 4096u))
       ->capture_default_str();
   command->add_flag("--list", flags->list, "List the scenes");

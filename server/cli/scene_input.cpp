@@ -18,15 +18,14 @@ void SceneInput::add_flags(CLI::App& command) {
       ->type_name("FILE")
       ->take_all();
   command
-      .add_option(
-          "--sky", sky,
-          "A sky by direction, equirectangular OpenEXR, Radiance HDR or TIFF: the setting sky.map "
-          "and its file")
+      .add_option("--sky", sky,
+                  "A sky map, equirectangular OpenEXR, Radiance HDR or TIFF; sets the setting "
+                  "sky.map")
       ->type_name("FILE");
 }
 
 SettingsInput SceneInput::settings(SettingsInput given) const {
-  // Other than a bare name, one in quotes can't be taken for null.
+  // The name is quoted, since a bare name could be taken for null.
   const std::string name = std::filesystem::path(sky).filename().string();
   if (!sky.empty()) given.sets.push_back("sky.map=" + proto::to_text(nlohmann::json(name)));
   return given;

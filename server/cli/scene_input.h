@@ -12,16 +12,16 @@ class App;
 
 namespace kiln::cli {
 
-/// The scene that a command takes, --side and --sky.
+/// The scene that a command takes, with --side and --sky.
 struct SceneInput {
   std::string path;
   std::vector<std::string> side;  ///< files that do not lie beside the scene
   std::string sky;                ///< a sky map, "" for none
 
   void add_flags(CLI::App&);
-  /// With those of --set and --settings, which know nothing of --sky.
+  /// Returns the settings of --set and --settings, with that of --sky added.
   SettingsInput settings(SettingsInput) const;
-  /// Errors: `missing_file`.
+  /// Returns the side files of the scene, with the sky map. Errors: `missing_file`.
   proto::Expected<SideFiles> side_files(const proto::BakeSettings&) const;
 };
 

@@ -28,11 +28,12 @@ void add_serve(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("serve", "Run the HTTP service");
   const auto flags = add_service_flags(*command);
   const auto print_config = std::make_shared<bool>(false);
-  command->add_flag("--print-config", *print_config,
-                    "Print what results from flags, variables and file, as TOML, and exit");
+  command->add_flag(
+      "--print-config", *print_config,
+      "Print the configuration that flags, variables and file give, as TOML, and exit");
   command->footer(
-      R"(A flag beats its variable (--port: LIGHTKILN_PORT), which beats the TOML file. Unknown names are
-errors in all three.
+      R"(A flag overrides its variable (--port: LIGHTKILN_PORT), which overrides the TOML file. Unknown
+names are errors in all three.
 
 Examples:
   lightkiln serve
@@ -42,7 +43,8 @@ Examples:
 Then, from anywhere that reaches it:
   curl -F scene=@room.glb http://127.0.0.1:8080/v1/jobs
 
-SIGTERM or Ctrl-C drains it. Exit codes: 0 drained, 1 could not start, 2 wrong configuration.)");
+SIGTERM or Ctrl-C drains the service. Exit codes: 0 drained, 1 could not start, 2 wrong
+configuration.)");
   command->callback([flags, print_config, &run] {
     run = [flags, print_config] { return run_serve(*flags, *print_config); };
   });

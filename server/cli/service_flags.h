@@ -12,16 +12,17 @@ class App;
 
 namespace kiln::cli {
 
-/// What the command line says of the service's configuration.
+/// The part of the service's configuration that the command line sets.
 struct ServiceFlags {
-  std::map<std::string, std::string> values;  ///< by row name; those that were given
+  std::map<std::string, std::string> values;  ///< the flags that were given, by row name
   std::string config_file;
 
-  /// With variables, file and defaults. Errors: `invalid_config`.
+  /// Loads the configuration from these flags, variables, file and defaults. Errors:
+  /// `invalid_config`.
   proto::Expected<LoadedConfig> load() const;
 };
 
-/// Gives a command a flag per row of the configuration, and --config.
+/// Adds a flag per row of the configuration, and --config, to a command.
 std::shared_ptr<ServiceFlags> add_service_flags(CLI::App&);
 
 }  // namespace kiln::cli

@@ -12,14 +12,14 @@ class App;
 
 namespace kiln::cli {
 
-/// The flags --settings and --set, and what they add up to.
+/// The flags --settings and --set, and the settings that result from them.
 struct SettingsInput {
-  std::string file;               ///< "-" is stdin, "" none
-  std::vector<std::string> sets;  ///< "solver.samples=64", later ones win
+  std::string file;               ///< "-" for stdin, "" for none
+  std::vector<std::string> sets;  ///< "solver.samples=64"; later ones win
 
   void add_flags(CLI::App&);
-  /// The settings document as text, checked against this version's table; "" when nothing was
-  /// given. Errors: `invalid_settings`, `invalid_json`, `missing_file`.
+  /// Returns the settings document as text, checked against this version's table, or "" when
+  /// nothing was given. Errors: `invalid_settings`, `invalid_json`, `missing_file`.
   proto::Expected<std::string> document() const;
   proto::Expected<proto::BakeSettings> settings() const;
 };

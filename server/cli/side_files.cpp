@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the file of that name, when it lies in the folder, links followed.
+/// Returns the file that a relative URI names, if it lies in the folder after links are followed.
 std::optional<fs::path> inside(const fs::path& folder, const std::string& name) {
   if (name.empty() || name.find('\0') != name.npos || fs::path(name).is_absolute()) return {};
   std::error_code error;

@@ -55,9 +55,10 @@ int run_status(const StatusFlags& flags) {
 void add_status(CLI::App& app, Run& run) {
   auto flags = std::make_shared<StatusFlags>();
   auto* command = app.add_subcommand("status", "Show a job, or the newest 50");
-  command->add_option("id", flags->id, "The job; without it all")->type_name("ID");
+  command->add_option("id", flags->id, "The job; without it, the newest 50 are listed")
+      ->type_name("ID");
   flags->remote.add_server(*command);
-  command->footer("Exit code 0 when the service answered, whatever the job's state.");
+  command->footer("The exit code is 0 when the service answers, whatever the job's state.");
   command->callback([flags, &run] { run = [flags] { return run_status(*flags); }; });
 }
 

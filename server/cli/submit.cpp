@@ -81,31 +81,37 @@ void add_submit(CLI::App& app, Run& run) {
   flags->scene.add_flags(*command);
   flags->settings.add_flags(*command);
   constexpr int kMax = proto::JobOptions::kMaxPriority;
-  command->add_option("--priority", flags->priority, "Higher runs first, from -100 to 100")
+  command
+      ->add_option("--priority", flags->priority,
+                   "Priority from -100 to 100; a higher one runs first")
       ->check(CLI::Range(-kMax, kMax))
       ->type_name("N")
       ->capture_default_str();
-  command->add_option("--label", flags->labels, "To find the job by; may be given many times")
+  command
+      ->add_option("--label", flags->labels, "A label to find the job by; may be given many times")
       ->type_name("NAME=VALUE")
       ->take_all();
   command
-      ->add_option("--ttl-seconds", flags->ttl_seconds,
-                   "Delete the job so long after its end; 0: never\n[as the service is set]")
+      ->add_option(
+          "--ttl-seconds", flags->ttl_seconds,
+          "Delete the job this many seconds after it ends; 0: never\n[the service's default]")
       ->type_name("N");
   command->add_flag("--bake-again", flags->bake_again,
                     "Bake even if the service has the result of the same bake");
   auto* wait = command->add_flag("--wait", flags->wait, "Show progress until the job ends");
-  command->add_option("-o,--out", flags->out, "Then download the results into this folder")
+  command
+      ->add_option("-o,--out", flags->out,
+                   "Download the results into this folder when the job has succeeded")
       ->needs(wait)
       ->type_name("DIR");
   flags->remote.add_server(*command);
   flags->remote.add_quiet(*command);
   command->footer(
-      R"(The files are hashed first: a scene that the service has is not sent again. An upload of 8 MiB or
-more that breaks goes on where it was, also when the command is run again.
+      R"(The files are hashed first; a scene that the service has is not sent again. An upload of 8 MiB or
+more that breaks resumes where it was, also when the command is run again.
 
-Without --wait the job's id is printed, and the job goes on without this program; so it does when
-the program is interrupted.
+Without --wait the command prints the job's id and ends. The job runs on, as it does when the
+command is interrupted.
 
 Examples:
   lightkiln submit room.glb --wait -o out/

@@ -20,7 +20,8 @@ struct TokenFlags {
 
 using Work = std::function<int(auth::TokenStore&, const TokenFlags&)>;
 
-// The service's own data folder, found by its own rules; the service may run meanwhile.
+// Opens the token store in the service's data folder, which it finds by the service's own rules.
+// The service may run meanwhile.
 int with_store(const TokenFlags& flags, const Work& work) {
   ConfigSources sources;
   if (!flags.data.empty()) sources.flags["data"] = flags.data;
@@ -45,7 +46,8 @@ int create(auth::TokenStore& store, const TokenFlags& flags) {
   constexpr std::uint64_t kDay = 86'400;
   const auto made = store.create(flags.tenant, flags.scopes, flags.days * kDay);
   if (!made) return report(made.error());
-  std::fprintf(stderr, "%s: keep what follows, it is shown this once\n", made->token.id.c_str());
+  std::fprintf(stderr, "%s: keep the secret below; it is shown only once\n",
+               made->token.id.c_str());
   std::puts(made->secret.c_str());
   return kDone;
 }
@@ -71,7 +73,7 @@ int revoke(auth::TokenStore& store, const TokenFlags& flags) {
 CLI::App* add_action(CLI::App& token, const char* name, const char* help,
                      const std::shared_ptr<TokenFlags>& flags, Run& run, const Work& work) {
   auto* action = token.add_subcommand(name, help);
-  action->add_option("--data", flags->data, "The service's data folder [as of `serve`]")
+  action->add_option("--data", flags->data, "The service's data folder [that of `serve`]")
       ->type_name("DIR");
   action->callback(
       [flags, work, &run] { run = [flags, work] { return with_store(*flags, work); }; });
@@ -82,14 +84,14 @@ CLI::App* add_action(CLI::App& token, const char* name, const char* help,
 
 void add_token(CLI::App& app, Run& run) {
   auto flags = std::make_shared<TokenFlags>();
-  auto* token = app.add_subcommand("token", "Who may use a service");
+  auto* token = app.add_subcommand("token", "Manage the tokens that give access to a service");
   token->require_subcommand(1);
   auto* made = add_action(*token, "create", "Make a token and print it", flags, run, create);
-  made->add_option("--tenant", flags->tenant, "Whose jobs it makes and sees")
+  made->add_option("--tenant", flags->tenant, "The tenant whose jobs the token makes and sees")
       ->required()
       ->type_name("NAME");
   made->add_option("--scope", flags->scopes,
-                   "What it may do: read, write, or admin (everything, for all tenants)\n"
+                   "What the token allows: read, write, or admin (everything, for all tenants)\n"
                    "[read and write]")
       ->type_name("SCOPE")
       ->take_all();
@@ -101,9 +103,9 @@ void add_token(CLI::App& app, Run& run) {
   auto* revoked = add_action(*token, "revoke", "Make a token invalid", flags, run, revoke);
   revoked->add_option("id", flags->id, "The token's id: tok_...")->required()->type_name("ID");
   token->footer(
-      R"text(Works on the service's data folder, while it runs or not; changes hold from the next request on.
-Once there is a token every request needs one, and the service may listen on other addresses than
-loopback.
+      R"text(The commands work on the service's data folder, whether the service runs or not. Changes hold from
+the next request on. Once there is a token, every request needs one, and the service may listen on
+other addresses than loopback.
 
 Examples:
   lightkiln token create --tenant art > token

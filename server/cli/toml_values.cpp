@@ -40,7 +40,7 @@ proto::Expected<std::map<std::string, TomlValue>> read_toml(const std::filesyste
     std::map<std::string, TomlValue> out;
     for (const auto& [key, node] : table) out.emplace(std::string(key.str()), value_of(node));
     return out;
-  } catch (const toml::parse_error& e) {  // The library's way to report bad input.
+  } catch (const toml::parse_error& e) {  // the library reports bad input so
     const auto at = e.source().begin;
     return proto::fail("invalid_config", path.string() + ", line " + std::to_string(at.line) +
                                              ", column " + std::to_string(at.column) + ": " +

@@ -13,14 +13,14 @@ namespace kiln::cli {
 struct TomlValue {
   enum class Kind { kInteger, kString, kOther };
   Kind kind = Kind::kOther;
-  std::string text;  ///< of integers and strings
+  std::string text;  ///< set for integers and strings
 };
 
-/// The top-level keys of a TOML file of at most 1 MiB. Errors: `invalid_config` (with line and
-/// column), `missing_file`.
+/// Reads the top-level keys of a TOML file of at most 1 MiB. Errors: `invalid_config` (with line
+/// and column), `missing_file`.
 proto::Expected<std::map<std::string, TomlValue>> read_toml(const std::filesystem::path&);
 
-/// The text as a quoted TOML string.
+/// Returns the text as a quoted TOML string.
 std::string toml_string(std::string_view);
 
 }  // namespace kiln::cli

@@ -37,9 +37,9 @@ std::string row_text(const SettingSpec& spec, const nlohmann::json& value, bool 
 }
 
 constexpr const char* kHead =
-    "| setting | default | what it may be | unit | meaning |\n|---|---|---|---|---|\n";
+    "| setting | default | allowed values | unit | meaning |\n|---|---|---|---|---|\n";
 constexpr const char* kLightHead =
-    "| key | default | what it may be | unit | types | meaning |\n|---|---|---|---|---|---|\n";
+    "| key | default | allowed values | unit | types | meaning |\n|---|---|---|---|---|---|\n";
 
 std::string group_of(const SettingSpec& spec) {
   const std::size_t dot = spec.path.find('.');
