@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/batch_queue.h"
 #include "baker/exec/thread_pool.h"
 #include "baker/import/import.h"
 #include "baker/lightmap/lightmap.h"
@@ -28,8 +29,8 @@ struct Snapshot {
   std::uint32_t pass = 0;
 };
 
-/// Told of a bake's course. Called from the thread that called bake(), unless another one is named;
-/// must return quickly and must not throw.
+/// Receives the progress of a bake. Called from the thread that called bake(), unless another one
+/// is named; must return quickly and must not throw.
 class BakeObserver {
  public:
   virtual ~BakeObserver() = default;
@@ -58,7 +59,8 @@ struct BakeInput {
   std::filesystem::path checkpoint_dir;
   std::string scene_sha256;  ///< of the main file, for the manifest
   std::string scene_key;     ///< names the content of all files
-  std::stop_token enough;    ///< ends the passes early, to write the light of those that are done
+  std::stop_token
+      finish_early;  ///< ends the passes early, to write the light of those that are done
   /// Asked once, when the scene is known and before anything is made of it, for the memory that the
   /// bake may take, see estimate_memory(). May wait until it is there; an error ends the bake.
   std::function<proto::Expected<void>(std::uint64_t bytes, std::stop_token)> reserve_memory = {};
@@ -70,11 +72,13 @@ struct BakeInput {
   double checkpoint_share = 0.05;
   /// Passes that take longer are kept in the middle, too, about this often.
   std::chrono::milliseconds part_time{10'000};
+  /// Runs the batches of the passes; null: the pool does. Outlives the bake.
+  exec::BatchQueue* queue = nullptr;
 };
 
 /// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the
-/// same bytes of image whatever the pool's size. Errors: those of the stages, and `canceled` within
-/// a second of a stop request.
+/// same bytes of image whatever the pool's size and the queue. Errors: those of the stages, and
+/// `canceled` within a second of a stop request.
 proto::Expected<proto::Manifest> bake(const BakeInput&, exec::ThreadPool&, std::stop_token,
                                       BakeObserver&);
 

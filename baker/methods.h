@@ -1,12 +1,42 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <span>
 
 #include "baker/solver/solver.h"
+#include "proto/bake_settings.h"
 
 namespace kiln::baker {
 
-/// Makes the solver of the method that the settings name.
-std::unique_ptr<solver::Solver> make_solver(const solver::SolverInput&);
+/// What a method takes in memory beside the light that every method has, for preflight. Bytes.
+struct MethodMemory {
+  double all_passes = 0;      ///< until the light has all its bounces
+  double texel_state = 0;     ///< per texel: planes of the method's own
+  double texel_pass = 0;      ///< per texel: what a pass before that makes anew
+  double texel_complete = 0;  ///< per texel: what a pass that leaves complete light makes anew
+};
+
+/// A light-transport method. A new one is a row of methods(), and a row of proto::method_names().
+struct Method {
+  proto::Method id;
+  std::unique_ptr<solver::Solver> (*make)(const solver::World&);
+  solver::SamplePlan (*plan)(const proto::SolverSettings&, const proto::QualitySettings&,
+                             bool many_lights);
+  bool adaptive;  ///< takes samples until a target is reached
+  bool filtered;  ///< its light is smoothed where post.filter says so
+  MethodMemory (*memory)(const proto::SolverSettings&, const solver::SamplePlan&, double texels);
+
+  const char* name() const { return proto::to_string(id); }
+};
+
+/// All methods, in the order of their ids.
+std::span<const Method> methods();
+const Method& method_of(proto::Method);
+
+/// The solver, and the plan of samples, of the method that the settings name.
+std::unique_ptr<solver::Solver> make_solver(const solver::World&);
+solver::SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
+                               bool many_lights = false);
 
 }  // namespace kiln::baker

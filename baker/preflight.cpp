@@ -4,26 +4,19 @@
 #include <cmath>
 #include <vector>
 
-#include "baker/solver/sample_plan.h"
+#include "baker/lightmap/lightmap.h"
+#include "baker/methods.h"
 
 namespace kiln::baker {
 namespace {
 
 // Bytes per texel.
 constexpr double kSurface = 190;         ///< TextureGroup
-constexpr double kLight = 73;            ///< Lightmap
-constexpr double kRadiosity = 16;        ///< Feedback
-constexpr double kBounced = 28;          ///< planes that a bounce makes anew
-constexpr double kRound = 56;            ///< planes that a round, or a pass of paths, makes anew
 constexpr double kSignal = 29 + 24 + 8;  ///< FilterBank, and what judges it
 constexpr double kSmoothing = 64;        ///< FilterBank when it smooths
 constexpr double kSkyColours = 32;       ///< more of that, with a sky map
 constexpr double kVariance = 8;          ///< FilteredLight
 constexpr double kSmoothed = 36;         ///< its light, unless it is the Lightmap's
-constexpr double kHit = 4;
-/// Hits of a texel that leave memory pages to rows of texels of their own: those of texels that are
-/// interpolated are then never taken. The share that is, at most.
-constexpr double kOwnPages = 512, kGathered = 0.7;
 // Bytes per triangle: ray tracing, look-ups, charts.
 constexpr double kTriangle = 300;
 // Bytes per pixel of a sky map, which is in memory twice while it is read.
@@ -100,21 +93,18 @@ Size size_of(const Surface& surface, const proto::AtlasSettings& atlas) {
 
 std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettings& settings) {
   const auto [texels, squares] = size_of(measure(scene), settings.atlas);
-  const solver::SamplePlan plan = solver::sample_plan(settings.solver, settings.quality);
-  const bool gathers = settings.solver.method == proto::Method::kGather;
-  const bool smooths = gathers && settings.post.filter;
-  const double base = texels * (kSurface + kLight);
-  double hits = std::min(double(std::uint64_t(settings.solver.hit_memory_mib) << 20),
-                         texels * kHit * plan.directions);
-  if (plan.coarse && hits >= texels * kOwnPages) hits *= kGathered;
-  const double bouncing =
-      base + (gathers ? hits + texels * (kBounced + kRadiosity) : texels * kRound);
-  const bool rounds = !gathers || plan.target_error > 0;
+  const Method& method = method_of(settings.solver.method);
+  const solver::SamplePlan plan = method.plan(settings.solver, settings.quality, false);
+  const MethodMemory own = method.memory(settings.solver, plan, texels);
+  const bool smooths = method.filtered && settings.post.filter;
+  const lightmap::Lightmap none(1);
+  const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
+  const double base = texels * (kSurface + light);
+  const double bouncing = base + own.all_passes + texels * own.texel_pass;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
   const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColours);
   const double filtering =
-      base + filtered +
-      texels * ((rounds ? kRound : kBounced) + kSignal + (smooths ? smoothing : 0));
+      base + filtered + texels * (own.texel_complete + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
   const double writing =
       base + filtered + page * (kImage * double(1 + settings.output.layers.size()) + kEncoders);

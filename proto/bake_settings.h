@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -64,6 +65,34 @@ inline float target_error(const QualitySettings& q) {
 }
 
 enum class Method { kGather, kPath };
+
+/// A word of the settings and what it means, for the schema and the documentation.
+struct Word {
+  const char* name;
+  const char* description;
+};
+
+/// The methods by their ids. baker/methods.h makes a solver of each.
+inline constexpr std::array kMethodNames{
+    Word{"gather",
+         "direct light by explicit sampling, bounces by gathering from the lightmap of the pass "
+         "before."},
+    Word{"path", "unbiased path tracing, the slow reference."},
+};
+constexpr const char* to_string(Method m) {
+  return kMethodNames[static_cast<std::size_t>(m)].name;
+}
+
+/// The layers that a page may have. baker/output/layers.h says what each shows of a texel.
+inline constexpr std::array kLayerNames{
+    Word{"irradiance", ""},
+    Word{"direct", ""},
+    Word{"indirect", ""},
+    Word{"raw", "the irradiance before the filter."},
+    Word{"standard_error",
+         "of its luminance, lx: R all, G of direct, B of sky and indirect light."},
+    Word{"samples", "R directions, G shadow rays at most, B 0."},
+};
 
 /// Which rays are traced together, sixteen at a time (gather).
 enum class RayPattern { kAuto, kTile, kBlock, kStrata, kIncoherent };

@@ -85,6 +85,22 @@ SettingRow<LightSettings> light_row(SettingSpec spec) {
   return bind<LightSettings, Member>(std::move(spec));
 }
 
+/// The words of a table, and what those mean that have a description, in one text.
+template <std::size_t kCount>
+std::vector<std::string_view> names_of(const std::array<Word, kCount>& words) {
+  std::vector<std::string_view> names;
+  for (const Word& w : words) names.emplace_back(w.name);
+  return names;
+}
+template <std::size_t kCount>
+std::string meanings_of(const std::array<Word, kCount>& words) {
+  std::string text;
+  for (const Word& w : words)
+    if (*w.description)
+      text.append(text.empty() ? "" : " ").append(w.name).append(": ").append(w.description);
+  return text;
+}
+
 constexpr std::uint32_t bit(LightType t) {
   return 1u << static_cast<std::uint32_t>(t);
 }
@@ -109,6 +125,9 @@ const std::vector<SettingGroup>& setting_groups() {
 
 // clang-format off
 const std::vector<SettingRow<BakeSettings>>& setting_rows() {
+  static const std::string methods = meanings_of(kMethodNames);
+  static const std::string layers =
+      "Layers of the EXR pages; the first is the unnamed R, G, B, A. " + meanings_of(kLayerNames);
   static const std::vector<SettingRow<BakeSettings>> rows{
       row<[](auto& s) -> auto& { return s.atlas.page_size; }>(
           {.path = "atlas.page_size", .kind = kInteger, .min = 16,
@@ -154,10 +173,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .unit = "samples/texel",
            .description = "Limit on directions, and on shadow rays, that target_error may ask for."}),
       row<[](auto& s) -> auto& { return s.solver.method; }>(
-          {.path = "solver.method", .kind = kChoice, .choices = {"gather", "path"},
-           .description = "gather: direct light by explicit sampling, bounces by gathering from the "
-                          "lightmap of the pass before. path: unbiased path tracing, the slow "
-                          "reference."}),
+          {.path = "solver.method", .kind = kChoice, .choices = names_of(kMethodNames),
+           .description = methods}),
       row<[](auto& s) -> auto& { return s.solver.bounces; }>(
           {.path = "solver.bounces", .kind = kInteger, .min = 0, .max = 64, .unit = "bounces",
            .description = "Limit on diffuse bounces after direct light."}),
@@ -241,11 +258,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "written as float all the same, with a warning. float: 32 bit."}),
       row<[](auto& s) -> auto& { return s.output.layers; }>(
           {.path = "output.layers", .kind = kChoices, .min = 1,
-           .choices = {"irradiance", "direct", "indirect", "raw", "standard_error", "samples"},
-           .description = "Layers of the EXR pages; the first is the unnamed R, G, B, A. raw: the "
-                          "irradiance before the filter. standard_error: of its luminance, lx: R all, "
-                          "G of direct, B of sky and indirect light. samples: R directions, G shadow "
-                          "rays at most, B 0."}),
+           .choices = names_of(kLayerNames),
+           .description = layers}),
       row<[](auto& s) -> auto& { return s.output.formats; }>(
           {.path = "output.formats", .kind = kChoices, .min = 1,
            .choices = {"exr", "png", "glb"},

@@ -34,10 +34,6 @@ bool for_pieces(std::span<T> bytes, const std::stop_token& stop, const Use& use)
   return true;
 }
 
-/// Copies the memory pages that differ: one that was never written, and has to be zeros, costs
-/// nothing and stays so.
-void copy_where_different(std::span<const std::byte> from, std::byte* to);
-
 class SealedWriter {
  public:
   explicit SealedWriter(std::ofstream& out) : out_(out) {}
@@ -71,7 +67,7 @@ class SealedWriter {
   proto::Sha256 hash_;
 };
 
-/// Its functions say false when there is no more, or it is not what it should be.
+/// Its functions return false when there is no more, or it is not what it should be.
 class SealedReader {
  public:
   explicit SealedReader(std::ifstream& in) : in_(in) {}
@@ -90,10 +86,6 @@ class SealedReader {
     if (!value(n) || n > kMaxTextBytes) return false;
     s.resize(n);
     return bytes(s.data(), n);
-  }
-  template <class T>
-  bool plane(std::vector<T>& p) {
-    return bytes(p.data(), p.size() * sizeof(T));
   }
   bool magic(const Magic& expected) {
     Magic found;

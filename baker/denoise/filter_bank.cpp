@@ -63,13 +63,13 @@ constexpr std::array<float, kCount> kWide = kernel({1 / 9.f, 2 / 9.f, 3 / 9.f, 2
 constexpr Errors kLeft{1, 0.075f, 0.055f, 0.033f};
 
 /// Weights of the texels around, in 255ths; 255 for the texel itself.
-using Likeness = std::array<std::uint8_t, kCount>;
+using Weights = std::array<std::uint8_t, kCount>;
 
 /// How far the surface at `n` goes on from that at `t`.
-std::uint8_t likeness(const atlas::TextureGroup& texels, const lightmap::Plane<float>& validity,
-                      std::uint32_t t, std::uint32_t n) {
-  constexpr float kHidden = 0.5f;
-  if ((validity[t] < kHidden) != (validity[n] < kHidden)) return 0;
+std::uint8_t similarity(const atlas::TextureGroup& texels, const lightmap::Plane<float>& validity,
+                        std::uint32_t t, std::uint32_t n) {
+  const auto is_hidden = [&](std::uint32_t i) { return validity[i] < lightmap::kValidShare; };
+  if (is_hidden(t) != is_hidden(n)) return 0;
   const math::Vec3 a = texels.shading_normal[t], b = texels.shading_normal[n];
   float turn = std::max(0.f, dot(a, b));
   turn *= turn, turn *= turn, turn *= turn, turn *= turn;  // to the 16th
@@ -84,10 +84,10 @@ std::uint8_t likeness(const atlas::TextureGroup& texels, const lightmap::Plane<f
 }
 
 /// The texels around each that are alike.
-class Surroundings {
+class SimilarityWeights {
  public:
-  Surroundings(const atlas::TextureGroup& texels, const SurfaceNeighbours& neighbours,
-               const lightmap::Lightmap& light)
+  SimilarityWeights(const atlas::TextureGroup& texels, const SurfaceNeighbours& neighbours,
+                    const lightmap::Lightmap& light)
       : texels_(texels), neighbours_(neighbours), light_(light), weight_(texels.size()) {}
 
   /// To be called of every texel before the others are of use.
@@ -96,7 +96,7 @@ class Surroundings {
     for (std::size_t k = 0; k < kCount; ++k)
       weight_[t][k] = around[k] == atlas::kNoTexel
                           ? std::uint8_t(0)
-                          : likeness(texels_, light_.validity, t, std::uint32_t(around[k]));
+                          : similarity(texels_, light_.validity, t, std::uint32_t(around[k]));
   }
 
   /// Calls `use(k, texel, weight)` for the texels around that are alike, itself among them.
@@ -111,7 +111,7 @@ class Surroundings {
   const atlas::TextureGroup& texels_;
   const SurfaceNeighbours& neighbours_;
   const lightmap::Lightmap& light_;
-  std::vector<Likeness> weight_;
+  std::vector<Weights> weight_;
 };
 
 /// The filters over one signal, in steps; each reads what the steps before left of the texels
@@ -119,7 +119,7 @@ class Surroundings {
 template <class Colour>
 class Filtering {
  public:
-  Filtering(const Surroundings& around, std::uint32_t texels)
+  Filtering(const SimilarityWeights& around, std::uint32_t texels)
       : around_(around), colour_(texels), none_(texels) {}
 
   void set(std::uint32_t t, const Colour& mean, float spread) {
@@ -230,7 +230,7 @@ class Filtering {
     return sum;
   }
 
-  const Surroundings& around_;
+  const SimilarityWeights& around_;
   std::vector<Colour> colour_, wide_colour_;
   std::vector<Luminances> none_, narrow_, wide_;
   std::vector<Errors> errors_, smooth_errors_;
@@ -268,12 +268,12 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
       for (std::uint32_t t = begin; t < end; ++t) use(t);
     });
   };
-  Surroundings around(texels_, neighbours_, light);
+  SimilarityWeights around(texels_, neighbours_, light);
   if (!each([&](std::uint32_t t) { around.compare(t); })) return std::nullopt;
   FilteredLight out{light.direct, light.sky, light.indirect, lightmap::Plane<float>(count),
                     lightmap::Plane<float>(count)};
   if (smooth_)
-    for (auto* plane : {&out.direct, &out.sky, &out.indirect}) plane->renew();
+    for (auto* plane : {&out.direct, &out.sky, &out.indirect}) plane->clear();
   const bool direct = filter(
       Filtering<PlainColour>(around, count), each, smooth_,
       [&](auto& signal, std::uint32_t t) {

@@ -38,18 +38,19 @@ bool LightSet::is_near(const AreaLight& l, math::Vec3 from, float ratio) {
   return l.longest_edge_m > ratio * length(l.centre() - from);
 }
 
-SampledLight::Spherical::Spherical(const AreaLight& l, math::Vec3 from)
+AreaLightSampler::Spherical::Spherical(const AreaLight& l, math::Vec3 from)
     : first(from, l.corner[0], l.corner[1], l.corner[2]),
       second(from, l.corner[0], l.corner[2], l.corner[l.corners - 1]),
       solid_angle(first.solid_angle + (l.corners == 4 ? second.solid_angle : 0)) {}
 
-math::Vec3 SampledLight::Spherical::sample(math::Vec2 u) const {
+math::Vec3 AreaLightSampler::Spherical::sample(math::Vec2 u) const {
   const float share = first.solid_angle / solid_angle;
   if (u.x < share) return first.sample({u.x / share, u.y});
   return second.sample({std::min(1.f, (u.x - share) / (1 - share)), u.y});
 }
 
-SampledLight::SampledLight(const scene::Scene& scene, const AreaLight& light, math::Vec3 from)
+AreaLightSampler::AreaLightSampler(const scene::Scene& scene, const AreaLight& light,
+                                   math::Vec3 from)
     : scene_(scene), light_(light), from_(from) {
   const float height = light.height_over(from);
   if (!light.shows_to(height)) return;
@@ -60,7 +61,7 @@ SampledLight::SampledLight(const scene::Scene& scene, const AreaLight& light, ma
   if (LightSet::is_near(light, from, kNearRatio)) near_.emplace(light, from);
 }
 
-LightSample SampledLight::sample(math::Vec2 u) const {
+LightSample AreaLightSampler::sample(math::Vec2 u) const {
   LightSample s;
   if (height_ == 0) return s;
   math::Vec3 point;   // of the light
@@ -86,7 +87,7 @@ LightSample SampledLight::sample(math::Vec2 u) const {
 
 /// Of a textured light. The barycentric coordinates of the point come from areas projected along
 /// the normal.
-math::Rgb SampledLight::radiance_at(math::Vec3 point) const {
+math::Rgb AreaLightSampler::radiance_at(math::Vec3 point) const {
   const float scale = 1 / (2 * light_.area_m2);
   const math::Vec3 p = point - light_.corner[0];
   const float u = dot(cross(p, light_.second_edge()), light_.normal) * scale;
@@ -94,15 +95,15 @@ math::Rgb SampledLight::radiance_at(math::Vec3 point) const {
   return emission_at(scene_, light_.textured, {u, v});
 }
 
-ShadowRay PunctualArrival::shadow_ray(math::Vec3 origin) const {
+ShadowRay PunctualSample::shadow_ray(math::Vec3 origin) const {
   if (!position) return ShadowRay::endless(direction);
   // A lamp that hangs right at a ceiling is not shadowed by it.
   constexpr float kReach = 1 - 1e-4f;
   return {*position - origin, kReach};
 }
 
-PunctualArrival arrive(const scene::PunctualLight& l, math::Vec3 at) {
-  PunctualArrival a;
+PunctualSample sample_punctual(const scene::PunctualLight& l, math::Vec3 at) {
+  PunctualSample a;
   if (l.type == scene::PunctualType::kDirectional) {
     a.direction = -l.direction;
     a.irradiance = l.intensity;

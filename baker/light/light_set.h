@@ -36,9 +36,9 @@ struct LightSample {
 /// An area light as one point sees it, ready to be sampled: uniform in solid angle when the light
 /// is near against its size (bounded: no 1/d2), uniform in area otherwise. Outlived by what it is
 /// made of.
-class SampledLight {
+class AreaLightSampler {
  public:
-  SampledLight(const scene::Scene&, const AreaLight&, math::Vec3 from);
+  AreaLightSampler(const scene::Scene&, const AreaLight&, math::Vec3 from);
 
   /// A direction to a point of the light by the uniform pair `u`.
   LightSample sample(math::Vec2 u) const;
@@ -81,7 +81,7 @@ class LightSet {
   bool has_bright_sky() const { return sky_ && sky_->has_bright_parts(); }
   bool empty() const { return area_.empty() && scene_.lights.empty() && !scene_.has_sky(); }
 
-  SampledLight seen_from(math::Vec3 point, const AreaLight& light) const {
+  AreaLightSampler sampler_from(math::Vec3 point, const AreaLight& light) const {
     return {scene_, light, point};
   }
   /// Whether the longest edge is more than `ratio` times the distance of the centre.
@@ -97,13 +97,13 @@ class LightSet {
 
 /// Irradiance on a surface facing a punctual light at unit cosine, and the way to it
 /// [KHR_lights_punctual: range window, spot falloff].
-struct PunctualArrival {
+struct PunctualSample {
   math::Vec3 direction;                ///< unit, towards the light
   std::optional<math::Vec3> position;  ///< m; none for directional lights
   math::Rgb irradiance;                ///< lx at normal incidence
 
   ShadowRay shadow_ray(math::Vec3 origin) const;
 };
-PunctualArrival arrive(const scene::PunctualLight&, math::Vec3 at);
+PunctualSample sample_punctual(const scene::PunctualLight&, math::Vec3 at);
 
 }  // namespace kiln::light

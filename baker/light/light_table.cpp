@@ -25,7 +25,7 @@ std::uint64_t spread(std::uint64_t v) {
 }
 
 /// Indices of the lights by their centres along Morton's curve.
-std::vector<std::uint32_t> along_a_curve(std::span<const AreaLight> lights) {
+std::vector<std::uint32_t> morton_order(std::span<const AreaLight> lights) {
   math::Vec3 low{INFINITY, INFINITY, INFINITY}, high{-INFINITY, -INFINITY, -INFINITY};
   for (const AreaLight& l : lights) {
     const math::Vec3 c = l.centre();
@@ -50,7 +50,7 @@ std::vector<std::uint32_t> along_a_curve(std::span<const AreaLight> lights) {
 
 LightTable::LightTable(std::span<const AreaLight> lights, std::span<const float> power_share)
     : groups_((lights.size() + 15) / 16),
-      light_(along_a_curve(lights)),
+      light_(morton_order(lights)),
       share_(groups_.size() * 16),
       group_share_(groups_.size()) {
   light_.resize(share_.size());

@@ -1,18 +1,31 @@
 #pragma once
 
+#include <cassert>
 #include <cstdint>
+#include <span>
 
+#include "baker/atlas/texture_group.h"
+#include "baker/lightmap/hit_plane.h"
 #include "baker/lightmap/plane.h"
+#include "baker/lightmap/planes.h"
 #include "baker/math/vec.h"
 
 namespace kiln::lightmap {
 
-/// The light on the texels of a TextureGroup, one entry per texel. Also the state that one pass
-/// hands to the next, and so the content of a checkpoint. Irradiance in lx, without albedo. Copies
-/// share their planes.
+/// Below this share of rays without a back face behind them a texel lies inside other geometry.
+inline constexpr float kValidShare = 0.5f;
+
+/// How often the round that follows doubles the samples of a texel.
+struct Doublings {
+  std::uint8_t shadow_rays = 0, directions = 0;
+};
+
+/// The light on the texels of a TextureGroup, one entry per texel. It is all that one pass hands to
+/// the next, and so the content of a checkpoint. Irradiance in lx, without albedo. Copies share
+/// their planes.
 struct Lightmap {
-  Plane<math::Rgb>
-      direct;  ///< by shadow rays: straight from emitters, lights, bright parts of the sky
+  /// Light by shadow rays: straight from emitters, lights and bright parts of the sky.
+  Plane<math::Rgb> direct;
   Plane<math::Rgb> sky;       ///< by gathering rays: straight from the sky, or what is left of it
   Plane<math::Rgb> indirect;  ///< after one diffuse reflection or more
   /// Share of the footprint that is not inside or behind other geometry, 0..1: all rays from a
@@ -24,13 +37,20 @@ struct Lightmap {
   Plane<float> direct_spread, sky_spread, indirect_spread;
   /// Shadow rays towards area lights, and directions or paths, that the light was taken from.
   Plane<std::uint32_t> direct_samples, samples;
+  /// What the next round of samples does; the same for all texels of a tile.
+  Plane<Doublings> doublings;
+
+  // Planes that only some methods have; the others leave them empty.
   /// What the last bounce read, lx: passes that only add samples read it again.
   Plane<math::Rgb> radiosity;
-  /// 1 where rays of the texel's own gather, 0 where the light is interpolated from sites around.
+  /// 1 where rays of the texel's own gather, 0 where the light is interpolated from texels around.
   Plane<std::uint8_t> gathers;
+  /// Per direction a texel, or what else the ray met. Dropped once all bounces are there.
+  HitPlane hits;
 
   Lightmap() = default;
-  explicit Lightmap(std::uint32_t texels)
+  /// A dark light. @param state the planes of a method's own
+  explicit Lightmap(std::uint32_t texels, std::span<const PlaneSpec> state = {})
       : direct(texels),
         sky(texels),
         indirect(texels),
@@ -40,22 +60,121 @@ struct Lightmap {
         indirect_spread(texels),
         direct_samples(texels),
         samples(texels),
-        radiosity(texels),
-        gathers(texels, 1) {}
+        doublings(texels) {
+    for (const PlaneSpec& plane : state) {
+      if (plane.id == PlaneId::kRadiosity) radiosity = Plane<math::Rgb>(texels);
+      if (plane.id == PlaneId::kGathers) gathers = Plane<std::uint8_t>(texels, 1);
+      if (plane.id == PlaneId::kHits) hits = HitPlane(texels, plane.words);
+    }
+  }
 
   math::Rgb irradiance(std::uint32_t texel) const {
     return direct[texel] + sky[texel] + indirect[texel];
   }
   std::uint32_t size() const { return direct.size(); }
+  /// Whether the texel's light comes from rays of its own.
+  bool is_gathered(std::uint32_t texel) const { return gathers.size() == 0 || gathers[texel] != 0; }
 
-  /// Calls `use(plane)` for every plane, in the order in which they are stored.
+  /// Calls `use(id, plane)` for every plane, in the order of the ids.
   template <class Light, class Use>
   static void for_planes(Light& light, const Use& use) {
-    use(light.direct), use(light.sky), use(light.indirect), use(light.validity);
-    use(light.direct_spread), use(light.sky_spread), use(light.indirect_spread);
-    use(light.direct_samples), use(light.samples), use(light.radiosity);
-    use(light.gathers);
+    use(PlaneId::kDirect, light.direct), use(PlaneId::kSky, light.sky);
+    use(PlaneId::kIndirect, light.indirect), use(PlaneId::kValidity, light.validity);
+    use(PlaneId::kDirectSpread, light.direct_spread), use(PlaneId::kSkySpread, light.sky_spread);
+    use(PlaneId::kIndirectSpread, light.indirect_spread);
+    use(PlaneId::kDirectSamples, light.direct_samples), use(PlaneId::kSamples, light.samples);
+    use(PlaneId::kDoublings, light.doublings), use(PlaneId::kRadiosity, light.radiosity);
+    use(PlaneId::kGathers, light.gathers), use(PlaneId::kHits, light.hits);
   }
+  template <class Light, class Use>
+  static void for_planes(Light& light, const PlaneSet& some, const Use& use) {
+    for_planes(light, [&](PlaneId id, auto& plane) {
+      if (contains(some, id)) use(id, plane);
+    });
+  }
+
+  /// Planes that hold something.
+  PlaneSet planes() const {
+    PlaneSet all;
+    for_planes(*this, [&](PlaneId id, const auto& p) { all.set(std::size_t(id), p.size() > 0); });
+    return all;
+  }
+  /// Bytes of one texel in some planes.
+  std::size_t texel_bytes(const PlaneSet& some) const {
+    std::size_t sum = 0;
+    for_planes(*this, some, [&](PlaneId, const auto& plane) { sum += plane.texel_bytes(); });
+    return sum;
+  }
+  /// Makes some planes ready for writing, see Plane::detach().
+  void detach(const PlaneSet& some) {
+    for_planes(*this, some, [](PlaneId, auto& plane) { plane.detach(); });
+  }
+  /// The light as it is shown: without what only later passes read.
+  Lightmap shown() const {
+    Lightmap light = *this;
+    light.radiosity = {}, light.gathers = {}, light.hits = {};
+    return light;
+  }
+};
+
+/// The planes of a light that a batch may write, at the places of its texels. A pass that reaches
+/// for a plane it did not declare fails at once.
+class LightmapView {
+ public:
+  template <class T>
+  class Column {
+   public:
+    Column() = default;
+    Column(T* first, std::uint32_t begin) : first_(first), begin_(begin) {}
+    T& operator[](std::uint32_t texel) const {
+      assert(first_ && texel >= begin_);
+      return first_[texel - begin_];
+    }
+
+   private:
+    T* first_ = nullptr;
+    std::uint32_t begin_ = 0;
+  };
+  class HitColumn {
+   public:
+    HitColumn() = default;
+    HitColumn(std::uint32_t* first, std::uint32_t words, std::uint32_t begin)
+        : first_(first), words_(words), begin_(begin) {}
+    std::span<std::uint32_t> of(std::uint32_t texel) const {
+      assert(first_ && texel >= begin_);
+      return {first_ + std::size_t(texel - begin_) * words_, words_};
+    }
+
+   private:
+    std::uint32_t* first_ = nullptr;
+    std::uint32_t words_ = 0, begin_ = 0;
+  };
+
+  /// @param to outlives the view; detached from others in `writes`
+  /// @param begin the texel that the first entry of `to` stands for
+  LightmapView(Lightmap& to, const PlaneSet& writes, std::uint32_t begin = 0) {
+    const auto open = [&](PlaneId id, auto& plane, auto& column) {
+      if (contains(writes, id)) column = {plane.data(), begin};
+    };
+    open(PlaneId::kDirect, to.direct, direct), open(PlaneId::kSky, to.sky, sky);
+    open(PlaneId::kIndirect, to.indirect, indirect);
+    open(PlaneId::kValidity, to.validity, validity);
+    open(PlaneId::kDirectSpread, to.direct_spread, direct_spread);
+    open(PlaneId::kSkySpread, to.sky_spread, sky_spread);
+    open(PlaneId::kIndirectSpread, to.indirect_spread, indirect_spread);
+    open(PlaneId::kDirectSamples, to.direct_samples, direct_samples);
+    open(PlaneId::kSamples, to.samples, samples);
+    open(PlaneId::kRadiosity, to.radiosity, radiosity),
+        open(PlaneId::kGathers, to.gathers, gathers);
+    if (contains(writes, PlaneId::kHits))
+      hits = HitColumn(to.hits.data(), to.hits.words_per_texel(), begin);
+  }
+
+  Column<math::Rgb> direct, sky, indirect, radiosity;
+  Column<float> validity, direct_spread, sky_spread, indirect_spread;
+  Column<std::uint32_t> direct_samples, samples;
+  Column<std::uint8_t> gathers;
+  HitColumn hits;
 };
 
 }  // namespace kiln::lightmap

@@ -4,12 +4,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
+#include <utility>
 #include <vector>
 
 namespace kiln::lightmap {
 
-/// One value per texel. Copies share the values, so that what a pass leaves as it was costs neither
-/// memory nor time; who wants to change them asks for its own first.
+/// One value per texel. Copies share the values, so that a plane which a pass leaves alone costs
+/// neither memory nor time. A writer calls detach() or clear() first.
 template <class T>
 class Plane {
  public:
@@ -25,22 +27,37 @@ class Plane {
   auto end() const { return values_->cend(); }
   const std::vector<T>& values() const { return *values_; }
 
-  /// Makes the values its own, by a copy if another plane has them too; `renew` without what they
-  /// were. One thread at a time, before any writes.
-  std::vector<T>& own() {
+  /// Gives this plane values of its own, by a copy if another plane shares them. One thread at a
+  /// time, before any writes.
+  std::vector<T>& detach() {
     if (values_.use_count() > 1) values_ = std::make_shared<std::vector<T>>(*values_);
     return *values_;
   }
-  void renew() {
+  /// Gives this plane values of its own that are all zero.
+  void clear() {
     if (values_.use_count() > 1)
       values_ = std::make_shared<std::vector<T>>(values_->size());
     else
       values_->assign(values_->size(), T{});
   }
-  /// To write a value that is its own.
+  /// Writes a value of a plane that shares its values with no other.
   T& operator[](std::size_t texel) {
     assert(values_.use_count() == 1);
     return (*values_)[texel];
+  }
+
+  /// The first value, for writing. Requires detach() or clear() before.
+  T* data() {
+    assert(values_.use_count() == 1);
+    return values_->data();
+  }
+  /// The bytes of the texels [first, last).
+  std::size_t texel_bytes() const { return size() > 0 ? sizeof(T) : 0; }
+  std::span<const std::byte> bytes(std::uint32_t first, std::uint32_t last) const {
+    return std::as_bytes(std::span(*values_).subspan(first, last - first));
+  }
+  std::span<std::byte> bytes(std::uint32_t first, std::uint32_t last) {
+    return std::as_writable_bytes(std::span(data() + first, last - first));
   }
 
  private:

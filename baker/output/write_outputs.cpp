@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "baker/exec/memory.h"
+#include "baker/output/layers.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
 #include "proto/files.h"
@@ -27,28 +28,8 @@ std::string page_name(std::uint32_t page, const char* extension) {
   return std::string("page_").append(digits.size() < 2 ? "0" : "").append(digits).append(extension);
 }
 
-/// What one layer shows of a texel.
-proto::Expected<TexelValue> layer_value(const OutputInput& in, const std::string& layer) {
-  const lightmap::Lightmap& light = in.light;
-  const denoise::FilteredLight& shown = in.filtered;
-  if (layer == "irradiance")
-    return [&](auto i) { return shown.direct[i] + shown.sky[i] + shown.indirect[i]; };
-  if (layer == "direct") return [&](auto i) { return shown.direct[i] + shown.sky[i]; };
-  if (layer == "indirect") return [&](auto i) { return shown.indirect[i]; };
-  if (layer == "raw") return [&](auto i) { return light.irradiance(i); };
-  if (layer == "standard_error")
-    return [&](auto i) {
-      const float direct = shown.direct_variance[i], gathered = shown.gathered_variance[i];
-      return math::Rgb{std::sqrt(direct + gathered), std::sqrt(direct), std::sqrt(gathered)};
-    };
-  if (layer == "samples")
-    return [&](auto i) {
-      return math::Rgb{float(light.samples[i]), float(light.direct_samples[i]), 0};
-    };
-  return proto::fail("internal", "there is no layer '" + layer + "'");
-}
-
-struct Layer {
+/// A layer of this bake's pages.
+struct PageLayer {
   std::string name;
   TexelValue value;
 };
@@ -80,13 +61,11 @@ class Writer {
  private:
   proto::Expected<void> load_layers() {
     for (const std::string& name : settings_.output.layers) {
-      auto value = layer_value(in_, name);
-      if (!value) return Unexpected(value.error());
-      layers_.push_back({name, std::move(*value)});
+      const Layer* layer = find_layer(name);
+      if (!layer) return proto::fail("internal", "There is no layer '" + name + "'.");
+      layers_.push_back({name, layer->value(in_)});
     }
-    auto irradiance = layer_value(in_, "irradiance");
-    if (!irradiance) return Unexpected(irradiance.error());
-    irradiance_ = std::move(*irradiance);
+    irradiance_ = layers().front().value(in_);
     return {};
   }
 
@@ -174,9 +153,10 @@ class Writer {
     images.reserve(layers_.size());
     std::vector<image::ExrLayer> named;
     float max = 0;
-    for (const Layer& layer : layers_) {
+    for (const PageLayer& layer : layers_) {
       const image::PageImage* image = &irradiance;
-      if (layer.name != "irradiance") image = &images.emplace_back(compose(p, layer.value));
+      if (layer.name != layers().front().name)
+        image = &images.emplace_back(compose(p, layer.value));
       named.push_back({layer.name, image});
       for (const math::Rgb v : image->rgb) max = std::max(max, max_channel(v));
     }
@@ -201,7 +181,7 @@ class Writer {
   std::vector<std::pair<std::string, std::string>> exr_metadata(std::uint32_t page) const {
     const auto& solver = settings_.solver;
     std::string layers;
-    for (const Layer& layer : layers_) layers += (layers.empty() ? "" : ",") + layer.name;
+    for (const PageLayer& layer : layers_) layers += (layers.empty() ? "" : ",") + layer.name;
     return {
         {"lightkiln:version", manifest_.version},
         {"lightkiln:units", "lux"},
@@ -209,7 +189,7 @@ class Writer {
         {"lightkiln:layers", layers},
         {"lightkiln:alpha", "1 on lit texels, 0 in padding"},
         {"lightkiln:page", std::to_string(page)},
-        {"lightkiln:method", solver.method == proto::Method::kPath ? "path" : "gather"},
+        {"lightkiln:method", proto::to_string(solver.method)},
         {"lightkiln:bounces", std::to_string(solver.bounces)},
         {"lightkiln:samples", solver.samples ? std::to_string(*solver.samples) : "adaptive"},
         {"lightkiln:seed", std::to_string(solver.seed)},
@@ -300,7 +280,7 @@ class Writer {
   proto::Manifest& manifest_;
   exec::ThreadPool& pool_;
   std::stop_token stop_;
-  std::vector<Layer> layers_;
+  std::vector<PageLayer> layers_;
   TexelValue irradiance_;  ///< as a page shows it, whatever its layers
   std::vector<LitPage> lit_pages_;
 };

@@ -5,7 +5,7 @@
 namespace kiln::progress {
 namespace {
 
-double seconds_between(Pace::Clock::time_point from, Pace::Clock::time_point to) {
+double seconds_between(EtaEstimator::Clock::time_point from, EtaEstimator::Clock::time_point to) {
   return std::chrono::duration<double>(to - from).count();
 }
 
@@ -18,7 +18,7 @@ double dot(const std::array<double, solver::Work::kKinds>& rates, const solver::
 }  // namespace
 
 /// Kinds of which nothing has been done yet go as fast as the others together.
-Pace::Rates Pace::Timed::rates() const {
+EtaEstimator::Rates EtaEstimator::Timed::rates() const {
   double all_seconds = 0, all_work = 0;
   for (std::size_t k = 0; k < solver::Work::kKinds; ++k)
     all_seconds += seconds[k], all_work += work[k];
@@ -29,11 +29,11 @@ Pace::Rates Pace::Timed::rates() const {
   return r;
 }
 
-bool Pace::Timed::any() const {
+bool EtaEstimator::Timed::any() const {
   return std::any_of(work.begin(), work.end(), [](double w) { return w > 0; });
 }
 
-void Pace::Timed::add(const solver::Work& more, double its_seconds) {
+void EtaEstimator::Timed::add(const solver::Work& more, double its_seconds) {
   const Rates r = rates();
   const double expected = dot(r, more);
   if (!(expected > 0)) return;
@@ -43,8 +43,8 @@ void Pace::Timed::add(const solver::Work& more, double its_seconds) {
   }
 }
 
-Pace::Ahead Pace::ahead(const solver::Pass& pass, double share, const solver::Work& all,
-                        Clock::time_point now) const {
+EtaEstimator::Ahead EtaEstimator::ahead(const solver::PassPlan& pass, double share,
+                                        const solver::Work& all, Clock::time_point now) const {
   constexpr double kLeastSeconds = 0.1;
   const solver::Work by_now = done_ + pass.work * share;
   solver::Work left;
@@ -53,10 +53,10 @@ Pace::Ahead Pace::ahead(const solver::Pass& pass, double share, const solver::Wo
   const double sum = by_now.sum() + left.sum();
   Ahead ahead;
   ahead.share_done = sum > 0 ? by_now.sum() / sum : 0;
-  // A pass's first batches tell its rate badly: what it did before them took time too.
-  constexpr double kTelling = 0.1;
+  // The first batches of a pass say little of its rate: what came before them took time, too.
+  constexpr double kMinTimedShare = 0.1;
   const double measured = std::max(share - restored_, 0.0);
-  const double known = timed_.any() ? std::min(measured / kTelling, 1.0) : 1;
+  const double known = timed_.any() ? std::min(measured / kMinTimedShare, 1.0) : 1;
   const solver::Work fresh = pass.work * measured;
   const double seconds = seconds_between(pass_start_, now);
   Timed timed = timed_;
@@ -66,7 +66,7 @@ Pace::Ahead Pace::ahead(const solver::Pass& pass, double share, const solver::Wo
   return ahead;
 }
 
-void Pace::end_pass(const solver::Pass& pass, Clock::time_point now) {
+void EtaEstimator::end_pass(const solver::PassPlan& pass, Clock::time_point now) {
   timed_.add(pass.work * (1 - restored_) + pass.finish_work, seconds_between(pass_start_, now));
   done_ += pass.work + pass.finish_work;
   restored_ = 0;

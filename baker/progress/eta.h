@@ -4,19 +4,19 @@
 #include <chrono>
 #include <optional>
 
-#include "baker/solver/solver.h"
+#include "baker/solver/pass.h"
 #include "baker/solver/work.h"
 
 namespace kiln::progress {
 
-/// How fast a solver goes, and so how long it will take. ahead() may be called from any thread, the
-/// others while no batch runs.
-class Pace {
+/// Estimates from the speed of a solver so far how long it will take. ahead() may be called from
+/// any thread, the others while no batch runs.
+class EtaEstimator {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// @param done before, by an earlier attempt: nobody knows how fast
-  explicit Pace(const solver::Work& done, Clock::time_point now = Clock::now())
+  /// @param done by an earlier attempt, whose speed is not known
+  explicit EtaEstimator(const solver::Work& done, Clock::time_point now = Clock::now())
       : start_(now), pass_start_(now), done_(done) {}
 
   /// @param share of the pass's batches that is done
@@ -27,13 +27,13 @@ class Pace {
   };
   /// The pass that begins has this share of its batches from an earlier attempt.
   void resume_within(double share) { restored_ = share; }
-  Ahead ahead(const solver::Pass&, double share, const solver::Work& all,
+  Ahead ahead(const solver::PassPlan&, double share, const solver::Work& all,
               Clock::time_point = Clock::now()) const;
-  void end_pass(const solver::Pass&, Clock::time_point = Clock::now());
+  void end_pass(const solver::PassPlan&, Clock::time_point = Clock::now());
 
  private:
   using Rates = std::array<double, solver::Work::kKinds>;  ///< s per unit
-  /// What has been timed.
+  /// Work that has been timed.
   struct Timed {
     std::array<double, solver::Work::kKinds> seconds{}, work{};
 

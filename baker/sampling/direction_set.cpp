@@ -10,9 +10,6 @@
 namespace kiln::sampling {
 namespace {
 
-/// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
-constexpr std::uint32_t kCoherentSamples = 256;
-
 bool is_net(std::uint32_t first, std::uint32_t count) {
   return std::has_single_bit(count) && first % count == 0;
 }

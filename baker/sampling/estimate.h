@@ -28,7 +28,7 @@ struct Estimate {
 inline constexpr float kNetSpread = 0.827f, kLampNetSpread = 0.740f;
 
 /// Sums over two halves of the samples, each of which estimates half of what arrives.
-struct Halves {
+struct HalfSums {
   math::Rgb half[2];
 
   Estimate estimate() const { return {half[0] + half[1], luminance(half[0]) - luminance(half[1])}; }

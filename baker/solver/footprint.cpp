@@ -5,7 +5,7 @@
 
 namespace kiln::solver {
 
-Footprint::Footprint(const SolverInput& in, std::uint32_t texel) {
+Footprint::Footprint(const World& in, std::uint32_t texel) {
   const bool back = in.texels.is_back(texel);
   const auto points = in.texels.points_of(texel);
   std::uint32_t last_triangle = trace::kNoHit;
@@ -46,10 +46,10 @@ simd::PointFrames Footprint::frames() const {
   return f;
 }
 
-std::uint32_t texel_seed(const SolverInput& in, std::uint32_t texel, Purpose purpose) {
+std::uint32_t texel_seed(const World& in, std::uint32_t texel, SampleStream stream) {
   const std::uint64_t seed = in.settings.seed;
   return sampling::hash(sampling::hash(std::uint32_t(seed), std::uint32_t(seed >> 32)), texel,
-                        static_cast<std::uint32_t>(purpose));
+                        static_cast<std::uint32_t>(stream));
 }
 
 }  // namespace kiln::solver

@@ -3,7 +3,7 @@
 #include <array>
 
 #include "baker/simd/kernels.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver {
 
@@ -14,7 +14,7 @@ struct Footprint {
   std::array<math::Vec3, kPoints> origin;                            ///< moved off the surface, m
   std::array<math::Vec3, kPoints> geometric_normal, shading_normal;  ///< unit
 
-  Footprint(const SolverInput&, std::uint32_t texel);
+  Footprint(const World&, std::uint32_t texel);
 
   simd::PointFrames frames() const;
 
@@ -30,9 +30,9 @@ struct Footprint {
   }
 };
 
-/// Key of all random numbers of one texel (or tile, for kGatherTile), for one purpose.
-enum class Purpose : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
-std::uint32_t texel_seed(const SolverInput&, std::uint32_t texel, Purpose);
+/// Key of all random numbers of one texel (or tile, for kGatherTile), for one stream of samples.
+enum class SampleStream : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
+std::uint32_t texel_seed(const World&, std::uint32_t texel, SampleStream);
 /// Hashed with such a seed: for the directions that are drawn from the bright parts of the sky.
 inline constexpr std::uint32_t kSkyDraws = 0x736b79;
 

@@ -18,26 +18,38 @@ std::uint32_t first_samples(float target_error) {
 constexpr std::uint32_t kFirstOfMany = 16;
 /// Below this target the bias of interpolated texels would be felt.
 constexpr float kFinestCoarseTarget = 0.008f;
-/// Paths per texel where nobody said how many.
-constexpr std::uint32_t kPaths = 256;
+/// Samples per texel of a method without a target, where nobody said how many.
+constexpr std::uint32_t kFixedSamples = 256;
 
-}  // namespace
-
-SamplePlan sample_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
-                       bool many_lights) {
+/// The samples at first of both plans.
+SamplePlan first_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
+                      bool many_lights) {
   SamplePlan plan;
   const float target = proto::target_error(quality);
   const std::uint32_t first = std::min(first_samples(target), quality.max_samples);
-  const bool path = solver.method == proto::Method::kPath;
-  plan.directions = solver.samples.value_or(path ? kPaths : first);
-  plan.most_directions = solver.samples || path ? plan.directions : quality.max_samples;
+  plan.directions = plan.most_directions = solver.samples.value_or(first);
   plan.shadow_rays =
       solver.direct_samples.value_or(many_lights ? std::min(first, kFirstOfMany) : first);
   plan.most_shadow_rays = solver.direct_samples ? plan.shadow_rays : quality.max_samples;
-  if (!path && (!solver.samples || !solver.direct_samples)) plan.target_error = target;
   plan.measure = quality.measure;
-  const bool fine = !solver.samples && target < kFinestCoarseTarget;
-  plan.coarse = solver.coarse_indirect && !fine;
+  plan.coarse = solver.coarse_indirect && (solver.samples || target >= kFinestCoarseTarget);
+  return plan;
+}
+
+}  // namespace
+
+SamplePlan adaptive_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
+                         bool many_lights) {
+  SamplePlan plan = first_plan(solver, quality, many_lights);
+  if (!solver.samples) plan.most_directions = quality.max_samples;
+  if (!solver.samples || !solver.direct_samples) plan.target_error = proto::target_error(quality);
+  return plan;
+}
+
+SamplePlan fixed_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
+                      bool many_lights) {
+  SamplePlan plan = first_plan(solver, quality, many_lights);
+  plan.directions = plan.most_directions = solver.samples.value_or(kFixedSamples);
   return plan;
 }
 

@@ -7,14 +7,24 @@
 
 namespace kiln::solver {
 
-/// How many samples a gather takes of each texel: so many at first, and then twice as many again
+/// Texels that take samples together: a run of indices, an 8x8 block of a page as a rule.
+inline constexpr std::uint32_t kSampleTileTexels = 64;
+
+/// How many samples a method takes of each texel: so many at first, and then twice as many again
 /// and again where the error is above its target.
 struct SamplePlan {
   std::uint32_t directions = 64, most_directions = 64;    ///< over the hemisphere
   std::uint32_t shadow_rays = 64, most_shadow_rays = 64;  ///< towards area lights
-  float target_error = 0;  ///< of the lightmap, see SampleRounds; 0: `most` for every texel
+  /// Directions that are followed before the first round: fewer than `directions` where the hits of
+  /// all would not fit into the memory for them. 0: all.
+  std::uint32_t first_directions = 0;
+  float target_error = 0;  ///< of the lightmap, see ErrorJudge; 0: `most` for every texel
   proto::ErrorMeasure measure = proto::ErrorMeasure::kPercentile95;
-  bool coarse = true;  ///< gather indirect light at every second texel, see CoarseSites
+  bool coarse = true;  ///< gather indirect light at every second texel, see InterpolationGrid
+
+  std::uint32_t followed_first() const {
+    return first_directions > 0 ? first_directions : directions;
+  }
 };
 
 /// The samples at first are what weighs the two ways of finding the sky: rounds add to either, and
@@ -23,9 +33,13 @@ inline light::SkyShares sky_shares(const SamplePlan& plan) {
   return {float(plan.shadow_rays), float(plan.directions)};
 }
 
-/// @param many_lights DirectLight::are_many(): a ray towards one of them costs
-/// several times as much, so few are sent before there is a first picture
-SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
-                       bool many_lights = false);
+/// The plan of a method that takes samples until the target of the quality is reached.
+/// @param many_lights DirectLight::are_many(): a ray towards one of them costs several times as
+/// much, so few are sent before there is a first picture
+SamplePlan adaptive_plan(const proto::SolverSettings&, const proto::QualitySettings&,
+                         bool many_lights);
+/// The plan of a method that takes as many as the settings say, or 256.
+SamplePlan fixed_plan(const proto::SolverSettings&, const proto::QualitySettings&,
+                      bool many_lights);
 
 }  // namespace kiln::solver

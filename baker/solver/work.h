@@ -37,6 +37,10 @@ inline constexpr double kTexel = 1.2;        ///< a bounce, beside its look-ups
 inline constexpr double kManyLightsRay = 3;  ///< a shadow ray where there are many lights
 inline constexpr double kFilter = 14;        ///< filtering and judging the light of a texel
 inline constexpr double kOutput = 7;         ///< writing a texel
+/// Share of the texels that send directions of their own where light is gathered coarsely.
+inline constexpr double kGatheredShare = 0.45;
+/// Share of the shadow rays that are sent to few lights; where the first agree, no more follow.
+inline constexpr double kUnculledShare = 0.6;
 
 }  // namespace work
 }  // namespace kiln::solver

@@ -5,6 +5,7 @@
 #include <functional>
 #include <thread>
 
+#include "baker/methods.h"
 #include "tests/bake/recorder.h"
 #include "tests/support/sky_files.h"
 
@@ -79,8 +80,8 @@ TEST_F(Resume, UnderASkyMapToo) {
 }
 
 TEST_F(Resume, AfterAnyPassNoPassIsMadeAgainAndNoBitDiffers) {
-  for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
-    input_.settings.solver.method = method;
+  for (const Method& method : methods()) {
+    input_.settings.solver.method = method.id;
     forget();
     const std::size_t passes = run().passes.size();
     ASSERT_GT(passes, 2u);

@@ -11,7 +11,7 @@
 
 #include "baker/exec/thread_pool.h"
 #include "baker/methods.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "tests/bench/ball.h"
 #include "tests/bench/kernel_input.h"
 
@@ -83,10 +83,10 @@ void count_kernels(simd::InstructionSet set) {
 /// @return rays
 std::uint64_t solve_once(const ReadyScene& ready, const proto::SolverSettings& settings) {
   exec::ThreadPool pool(1);
-  const solver::SolverInput input = ready.input(settings);
-  const auto solver = baker::make_solver(input);
+  const solver::World world = ready.world(settings);
+  const auto solver = baker::make_solver(world);
   std::uint64_t rays = 0;
-  for (const auto& pass : test::must(solve(*solver, ready.texels, pool, {})).passes)
+  for (const auto& pass : test::must(baker::solve(world, *solver, pool, {})).passes)
     rays += pass.rays;
   return rays;
 }

@@ -10,7 +10,7 @@
 #include "baker/methods.h"
 #include "baker/output/output.h"
 #include "baker/output/post.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "tests/bench/ball.h"
 
 namespace kiln::bench {
@@ -61,10 +61,10 @@ void write_exr(benchmark::State& state, proto::Precision precision) {
 
 double solve_seconds(const ReadyScene& ready, unsigned threads) {
   exec::ThreadPool pool(threads);
-  const solver::SolverInput input = ready.input({});
+  const solver::World world = ready.world({});
   const auto start = std::chrono::steady_clock::now();
-  const auto solver = baker::make_solver(input);
-  benchmark::DoNotOptimize(test::must(solve(*solver, ready.texels, pool, {})));
+  const auto solver = baker::make_solver(world);
+  benchmark::DoNotOptimize(test::must(baker::solve(world, *solver, pool, {})));
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
@@ -73,11 +73,11 @@ double solve_cpu_seconds(const ReadyScene& ready, std::uint32_t bounces) {
   settings.samples = settings.direct_samples = 64;
   settings.bounces = bounces;
   settings.tolerance = 0;  // all of them
-  const solver::SolverInput input = ready.input(settings);
+  const solver::World world = ready.world(settings);
   exec::ThreadPool pool(1);
   const std::clock_t start = std::clock();
-  const auto solver = baker::make_solver(input);
-  benchmark::DoNotOptimize(test::must(solve(*solver, ready.texels, pool, {})));
+  const auto solver = baker::make_solver(world);
+  benchmark::DoNotOptimize(test::must(baker::solve(world, *solver, pool, {})));
   return double(std::clock() - start) / CLOCKS_PER_SEC;
 }
 

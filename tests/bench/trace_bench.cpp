@@ -7,7 +7,7 @@
 
 #include "baker/exec/thread_pool.h"
 #include "baker/methods.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "tests/bench/ball.h"
 #include "tests/bench/embree_tap.h"
 
@@ -30,12 +30,13 @@ class Comparison {
   void begin(bool timing) { timing_ = timing; }
 
   /// After each batch, from the thread that made it.
-  void on_batch(const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
+  void on_batch(const baker::SolveProgress& at) {
+    const std::uint32_t pass = at.pass.plan().index, done = at.done, total = at.total;
     const double now = thread_seconds();
-    if (tap_) tap_->stop(), taps_[{pass.index, done - 1}] = std::move(tap_);
+    if (tap_) tap_->stop(), taps_[{pass, done - 1}] = std::move(tap_);
     if (timing_) {
-      if (const EmbreeTap* tap = find(pass.index, done - 1)) compare(*tap, now - start_);
-      if (const EmbreeTap* tap = find(pass.index, done)) tap->replay();
+      if (const EmbreeTap* tap = find(pass, done - 1)) compare(*tap, now - start_);
+      if (const EmbreeTap* tap = find(pass, done)) tap->replay();
     } else if (done < total && done % std::max(1u, total / kSampled) == 0) {
       tap_ = std::make_unique<EmbreeTap>();
     }
@@ -75,18 +76,16 @@ void trace_rate(benchmark::State& state) {
   settings.samples = std::uint32_t(state.range(0));
   settings.direct_samples = std::uint32_t(state.range(0)) / 4;
   settings.bounces = 1;
-  const solver::SolverInput input = ready.input(settings);
+  const solver::World world = ready.world(settings);
   Comparison comparison;
-  solver::SolveHooks hooks;
-  hooks.on_batch = [&](const solver::Pass& pass, std::uint32_t done, std::uint32_t total) {
-    comparison.on_batch(pass, done, total);
-  };
+  baker::SolveHooks hooks;
+  hooks.on_batch = [&](const baker::SolveProgress& at) { comparison.on_batch(at); };
   for (auto _ : state) {
     for (const bool timing : {false, true}) {
       exec::ThreadPool pool(1);
       comparison.begin(timing);
-      const auto solver = baker::make_solver(input);
-      test::must(solve(*solver, ready.texels, pool, {}, hooks));
+      const auto solver = baker::make_solver(world);
+      test::must(baker::solve(world, *solver, pool, {}, hooks));
     }
     state.SetIterationTime(comparison.gather.ours_s + comparison.shadow.ours_s);
   }

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "baker/denoise/surface_neighbours.h"
-#include "baker/solver/adaptive/adaptive_sampling.h"
+#include "baker/solve.h"
 #include "baker/solver/work.h"
 #include "tests/support/quad_scene.h"
 #include "tests/support/ready_scene.h"
@@ -176,7 +176,7 @@ TEST(StandardError, IsThatOfTheBake) {
 }
 
 // A hard target costs more samples, and only where they are needed.
-TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
+TEST(AdaptiveSampling, SendsSamplesWhereTheErrorIs) {
   solver::QuadScene room(96);
   room.add_room({0, 0, 0}, {2, 2, 2}, {0.6f, 0.5f, 0.4f});
   room.add_block({0.5f, 0, 0.5f}, {1, 1, 1}, {0.7f, 0.7f, 0.7f});
@@ -194,24 +194,23 @@ TEST(SampleRounds, SendSamplesWhereTheErrorIs) {
 }
 
 // Where the samples of a round go is known: half of its texels may be far from half of its work.
-TEST(SampleRounds, KnowHowFarARoundHasCome) {
+TEST(AdaptiveSampling, KnowsHowFarARoundHasCome) {
   const test::ReadyScene room("cornell", 0, 96);
   proto::SolverSettings settings;
   settings.coarse_indirect = false;
-  auto in = room.input(settings);
-  in.plan = solver::sample_plan(settings, {.target_error = 0.009f});
-  const auto solver = baker::make_solver(in);
+  const solver::World world = room.world(settings, {.target_error = 0.009f});
+  const auto solver = baker::make_solver(world);
   const std::uint32_t half = room.texels.size() / 128 * 64;  // whole tiles
   std::shared_ptr<const lightmap::Lightmap> before;
   double told = 0, done = 0;
-  solver::SolveHooks hooks;
-  hooks.before_pass = [&](const solver::Pass& pass) {
-    if (pass.name == solver::adaptive::SampleRounds::kName && told == 0)
-      told = solver->work_share(pass, double(half) / room.texels.size());
+  baker::SolveHooks hooks;
+  hooks.on_batch = [&](const baker::SolveProgress& at) {
+    if (at.pass.plan().name == "round" && at.done == 1 && told == 0)
+      told = at.pass.work_share(double(half) / room.texels.size());
   };
-  hooks.on_pass = [&](const solver::Pass& pass, const proto::PassReport&,
+  hooks.on_pass = [&](const solver::PassPlan& pass, const proto::PassReport&,
                       std::shared_ptr<const lightmap::Lightmap> light) -> proto::Expected<void> {
-    if (pass.name == solver::adaptive::SampleRounds::kName && done == 0) {
+    if (pass.name == "round" && done == 0) {
       double work[2] = {0, 0};
       for (std::uint32_t t = 0; t < light->size(); ++t)
         work[t >= half] += (light->direct_samples[t] - before->direct_samples[t]) +
@@ -222,7 +221,7 @@ TEST(SampleRounds, KnowHowFarARoundHasCome) {
     return {};
   };
   exec::ThreadPool pool(2);
-  ASSERT_TRUE(solve(*solver, room.texels, pool, {}, hooks));
+  ASSERT_TRUE(baker::solve(world, *solver, pool, {}, hooks));
   EXPECT_GT(std::abs(done - 0.5), 0.1) << "or this would show nothing";
   EXPECT_NEAR(told, done, 0.01);  // the last tile is not whole
 }

@@ -8,7 +8,7 @@
 
 #include "baker/exec/thread_pool.h"
 #include "baker/methods.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "tests/support/ready_scene.h"
 #include "tests/support/sanitizer.h"
 
@@ -32,8 +32,9 @@ Parts by_seeds(const test::ReadyScene& ready, proto::SolverSettings settings, in
   Parts parts;
   for (int i = 0; i < seeds; ++i) {
     settings.seed = 40 + std::uint64_t(i);
-    const auto solver = baker::make_solver(ready.input(settings));
-    const auto solution = solve(*solver, ready.texels, pool, {});
+    const solver::World world = ready.world(settings);
+    const auto solver = baker::make_solver(world);
+    const auto solution = baker::solve(world, *solver, pool, {});
     const lightmap::Lightmap& light = *test::must(solution).light;
     auto& d = direct.emplace_back(n);
     auto& r = indirect.emplace_back(n);

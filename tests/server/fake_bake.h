@@ -33,7 +33,7 @@ class FakeBake {
       observer.on_stage("import");
       observer.on_stage("solve");
       proto::JobProgress progress{"solve", 0, 16, 0, 1000, 1, 0};
-      while (!go && !input.enough.stop_requested()) {
+      while (!go && !input.finish_early.stop_requested()) {
         if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "Stopped.");
         ++progress.batches_done;
         observer.on_progress(progress);

@@ -1,6 +1,7 @@
 // The methods against each other, and against the laws of their own error.
 #include <gtest/gtest.h>
 
+#include "baker/methods.h"
 #include "baker/solver/gather/gather.h"
 #include "tests/solver/cornell_box.h"
 
@@ -154,10 +155,10 @@ TEST(RayPatterns, AllGiveTheSameLight) {
 
 TEST(Determinism, ThreadCountChangesNoBit) {
   const auto box = cornell(64);
-  for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
+  for (const baker::Method& method : baker::methods()) {
     proto::SolverSettings s;
-    s.method = method;
-    if (method == proto::Method::kPath) s.samples = 32;
+    s.method = method.id;
+    if (!method.adaptive) s.samples = 32;
     const Solution one = box->solve(s, 1);
     for (const unsigned threads : {2u, 3u, 8u}) {
       const Solution many = box->solve(s, threads);
@@ -180,9 +181,16 @@ TEST(HitBudget, RoundsAgreeWithTheFullCache) {
   s.samples = 256;
   s.direct_samples = 64;
   exec::ThreadPool pool(2);
-  const SolverInput in{box->scene(), box->atlas(), box->texels(), *rays, lights, lookup, s};
-  const auto tight = gather::make_gather_solver(in, 0);
-  const auto solution = solve(*tight, box->texels(), pool, {});
+  const World world{box->scene(),
+                    box->atlas(),
+                    box->texels(),
+                    *rays,
+                    lights,
+                    lookup,
+                    s,
+                    baker::sample_plan(s, {})};
+  const auto tight = gather::make_gather_solver(world, 0);
+  const auto solution = baker::solve(world, *tight, pool, {});
   ASSERT_TRUE(solution);
   EXPECT_EQ(solution->passes.back().name, "round");
   for (const std::uint32_t n : solution->light->samples) ASSERT_EQ(n, 256u);

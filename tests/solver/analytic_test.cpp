@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "baker/sampling/shapes.h"
+#include "tests/solver/every_method.h"
 #include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
@@ -30,20 +31,14 @@ std::vector<std::uint32_t> all_texels(const QuadScene& scene) {
 }
 
 class EveryMethod : public testing::TestWithParam<proto::Method> {};
-std::string method_name(const testing::TestParamInfo<proto::Method>& method) {
-  return method.param == proto::Method::kGather ? "Gather" : "Path";
-}
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(proto::Method::kGather, proto::Method::kPath),
-                         method_name);
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::ValuesIn(all_methods()), method_name);
 
 // Furnace: in a closed room whose faces all emit M = πL and reflect ρ, B = M/(1-ρ) everywhere, and
 // so is E, for all of it arrives again [Moreno-Fortuny eq. 2.15 with rows of F that sum to 1].
 // With b bounces the series is cut: E = M (1 - ρ^(b+1))/(1-ρ).
 class Furnace : public testing::TestWithParam<std::tuple<proto::Method, float>> {};
 INSTANTIATE_TEST_SUITE_P(Methods, Furnace,
-                         testing::Combine(testing::Values(proto::Method::kGather,
-                                                          proto::Method::kPath),
+                         testing::Combine(testing::ValuesIn(all_methods()),
                                           testing::Values(0.5f, 0.9f)));
 
 TEST_P(Furnace, RadiosityIsEmittanceOverAbsorptance) {

@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include "baker/methods.h"
+
 namespace kiln::solver {
 namespace {
+
+using baker::sample_plan;
 
 TEST(SamplePlan, StartsWithMoreTheFinerTheTarget) {
   std::uint32_t before = 0;
@@ -33,6 +37,18 @@ TEST(SamplePlan, WhatSettingsFixStays) {
   EXPECT_EQ(plan.shadow_rays, 200u);
   EXPECT_EQ(plan.most_shadow_rays, 200u);
   EXPECT_EQ(plan.target_error, 0) << "nothing is left to aim with";
+}
+
+TEST(SamplePlan, OnlyMethodsWithATargetHaveOne) {
+  for (const baker::Method& method : baker::methods()) {
+    proto::SolverSettings s;
+    s.method = method.id;
+    const SamplePlan plan = sample_plan(s, {.target_error = 0.05f});
+    EXPECT_EQ(plan.target_error > 0, method.adaptive) << method.name();
+    EXPECT_EQ(plan.most_directions > plan.directions, method.adaptive) << method.name();
+    s.samples = 24;
+    EXPECT_EQ(sample_plan(s, {}).directions, 24u) << method.name();
+  }
 }
 
 }  // namespace

@@ -2,8 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "baker/methods.h"
-#include "baker/solver/gather/gather.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "tests/support/ready_scene.h"
 #include "tests/support/sanitizer.h"
 
@@ -27,9 +26,10 @@ struct Baked {
 };
 
 Baked bake(const test::ReadyScene& ready, const proto::SolverSettings& settings) {
-  const auto solver = baker::make_solver(ready.input(settings));
+  const World world = ready.world(settings);
+  const auto solver = baker::make_solver(world);
   exec::ThreadPool pool(2);
-  const auto solution = solve(*solver, ready.texels, pool, {});
+  const auto solution = baker::solve(world, *solver, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);
   const lightmap::Lightmap& light = *solution->light;
   Baked baked;

@@ -7,6 +7,7 @@
 #include "baker/light/sky_light.h"
 #include "baker/sampling/shapes.h"
 #include "baker/sampling/sobol.h"
+#include "tests/solver/every_method.h"
 #include "tests/support/quad_scene.h"
 
 namespace kiln::solver {
@@ -320,11 +321,7 @@ TEST_P(SkyByEveryMethod, TheSunCastsAShadow) {
   EXPECT_GT(dark, 100);
 }
 
-INSTANTIATE_TEST_SUITE_P(, SkyByEveryMethod,
-                         testing::Values(proto::Method::kGather, proto::Method::kPath),
-                         [](const auto& m) {
-                           return m.param == proto::Method::kPath ? "path" : "gather";
-                         });
+INSTANTIATE_TEST_SUITE_P(, SkyByEveryMethod, testing::ValuesIn(all_methods()), method_name);
 
 /// See Agreement.*
 double nrmse(const QuadScene& scene, const std::function<math::Rgb(std::uint32_t)>& x,
@@ -396,10 +393,10 @@ TEST(SkyMapAgreement, TheSpreadIsTheErrorBetweenSeeds) {
 TEST(SkyMapAgreement, SameBitsOnAnyNumberOfThreads) {
   QuadScene scene = yard(64);
   scene.scene().sky_map = grey_map(64, sunny(1e4f));
-  for (const auto method : {proto::Method::kGather, proto::Method::kPath}) {
+  for (const baker::Method& method : baker::methods()) {
     proto::SolverSettings s;
-    s.method = method;
-    if (method == proto::Method::kPath) s.samples = 32;
+    s.method = method.id;
+    if (!method.adaptive) s.samples = 32;
     proto::QualitySettings quality;
     quality.preset = proto::Preset::kPreview;
     const Solution one = scene.solve(s, 1, quality), three = scene.solve(s, 3, quality);

@@ -94,10 +94,12 @@ Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned thread
   const auto rays = trace::RayScene::build(scene_);
   const light::LightSet lights(scene_);
   const trace::TexelLookup lookup(scene_, *atlas_, *texels_);
-  const auto solver = baker::make_solver({scene_, *atlas_, *texels_, *rays, lights, lookup,
-                                          settings, sample_plan(settings, quality), filter});
+  const World world{scene_, *atlas_, *texels_, *rays,
+                    lights, lookup,  settings, baker::sample_plan(settings, quality),
+                    filter};
+  const auto solver = baker::make_solver(world);
   exec::ThreadPool pool(threads);
-  auto solution = solver::solve(*solver, *texels_, pool, {});
+  auto solution = baker::solve(world, *solver, pool, {});
   if (!solution) throw std::logic_error(solution.error().message);
   return std::move(*solution);
 }

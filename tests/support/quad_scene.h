@@ -7,10 +7,12 @@
 #include "baker/atlas/atlas.h"
 #include "baker/atlas/texture_group.h"
 #include "baker/scene/scene.h"
-#include "baker/solver/solve.h"
+#include "baker/solve.h"
 #include "proto/bake_settings.h"
 
 namespace kiln::solver {
+
+using baker::Solution;
 
 /// A one-sided rectangle that faces cross(edge_u, edge_v).
 struct Quad {

@@ -8,8 +8,9 @@
 #include "baker/atlas/texture_group.h"
 #include "baker/import/import.h"
 #include "baker/light/light_set.h"
+#include "baker/methods.h"
 #include "baker/scene/scene.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 #include "baker/trace/ray_scene.h"
 #include "baker/trace/texel_surface.h"
 #include "proto/bake_settings.h"
@@ -52,10 +53,10 @@ struct ReadyScene {
   ReadyScene(const ReadyScene&) = delete;
   ReadyScene& operator=(const ReadyScene&) = delete;
 
-  solver::SolverInput input(const proto::SolverSettings& settings,
-                            const proto::QualitySettings& quality = {}) const {
+  solver::World world(const proto::SolverSettings& settings,
+                      const proto::QualitySettings& quality = {}) const {
     return {scene,  atlas,  texels,   rays,
-            lights, lookup, settings, solver::sample_plan(settings, quality)};
+            lights, lookup, settings, baker::sample_plan(settings, quality)};
   }
 };
 

@@ -11,7 +11,7 @@ struct Choice {
   double variance = 0;  ///< afterwards
 };
 
-/// How the variance of a lot falls.
+/// How the variance of a unit falls.
 struct Fall {
   double slope, by_doubling;  ///< what one doubling leaves of it
 
@@ -21,11 +21,11 @@ struct Fall {
   }
 };
 
-Choice at_price(const SampleLot& lot, double price, const Fall& fall) {
-  Choice c{0, lot.variance};
-  for (double had = lot.samples; had > 0 && had < lot.most;) {
-    const double more = std::min(had, lot.most - had), left = fall.left(had, more);
-    if (!(c.variance * (1 - left) > price * more * lot.cost)) break;
+Choice at_price(const AllocationUnit& unit, double price, const Fall& fall) {
+  Choice c{0, unit.variance};
+  for (double had = unit.samples; had > 0 && had < unit.most;) {
+    const double more = std::min(had, unit.most - had), left = fall.left(had, more);
+    if (!(c.variance * (1 - left) > price * more * unit.cost)) break;
     c.variance *= left, had += more;
     ++c.doublings;
   }
@@ -34,24 +34,25 @@ Choice at_price(const SampleLot& lot, double price, const Fall& fall) {
 
 }  // namespace
 
-std::vector<std::uint32_t> least_doublings(std::span<const SampleLot> lots, double allowed,
-                                           double slope) {
+std::vector<std::uint32_t> allocate_samples(std::span<const AllocationUnit> units, double allowed,
+                                            double slope) {
   const Fall fall(slope);
   const auto variance_at = [&](double price) {
     double sum = 0;
-    for (const SampleLot& lot : lots) sum += at_price(lot, price, fall).variance;
+    for (const AllocationUnit& unit : units) sum += at_price(unit, price, fall).variance;
     return sum;
   };
   constexpr double kNearLeast = 1.25;
   if (const double least = variance_at(0); least > allowed) allowed = kNearLeast * least;
-  // The price at which no lot doubles any more.
+  // The price at which no unit doubles any more.
   double high = 0;
-  for (const SampleLot& lot : lots) {
-    const double more = std::min(lot.samples, lot.most - lot.samples);
-    if (lot.cost > 0 && more > 0)
-      high = std::max(high, lot.variance * (1 - fall.left(lot.samples, more)) / (more * lot.cost));
+  for (const AllocationUnit& unit : units) {
+    const double more = std::min(unit.samples, unit.most - unit.samples);
+    if (unit.cost > 0 && more > 0)
+      high =
+          std::max(high, unit.variance * (1 - fall.left(unit.samples, more)) / (more * unit.cost));
   }
-  std::vector<std::uint32_t> doublings(lots.size());
+  std::vector<std::uint32_t> doublings(units.size());
   if (!(high > 0) || variance_at(high) <= allowed) return doublings;
   double low = high;
   constexpr int kSteps = 60;  // of a factor of 4, far below the price of any last doubling
@@ -60,8 +61,8 @@ std::vector<std::uint32_t> least_doublings(std::span<const SampleLot> lots, doub
     const double price = std::sqrt(low * high);
     (variance_at(price) > allowed ? high : low) = price;
   }
-  for (std::size_t i = 0; i < lots.size(); ++i)
-    doublings[i] = at_price(lots[i], low, fall).doublings;
+  for (std::size_t i = 0; i < units.size(); ++i)
+    doublings[i] = at_price(units[i], low, fall).doublings;
   return doublings;
 }
 

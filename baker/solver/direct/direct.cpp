@@ -14,7 +14,8 @@
 namespace kiln::solver::direct {
 namespace {
 
-constexpr std::uint32_t kTileTexels = 16;
+/// Texels that choose among lights alike.
+constexpr std::uint32_t kLightTileTexels = 16;
 constexpr std::uint32_t kPilots = 4;
 /// Lights nearer than so many radii of the footprint are weighed at four of its points.
 constexpr float kNearRadii = 4;
@@ -22,9 +23,10 @@ constexpr float kNearRadii = 4;
 /// Shadow rays that wait for a full packet, each with what it brings if nothing is in its way.
 class ShadowBatch {
  public:
-  explicit ShadowBatch(const SolverInput& in)
-      : rays_(in.rays),
-        spread_(in.settings.uses(proto::Technique::kLowDiscrepancy) ? sampling::kNetSpread : 1) {}
+  explicit ShadowBatch(const World& world)
+      : rays_(world.rays),
+        spread_(world.settings.uses(proto::Technique::kLowDiscrepancy) ? sampling::kNetSpread : 1) {
+  }
 
   void add(math::Vec3 origin, const light::ShadowRay& ray, math::Rgb value, bool second_half) {
     packet_.set(waiting_, origin, ray.direction, ray.far);
@@ -43,7 +45,7 @@ class ShadowBatch {
   }
   sampling::Estimate take_estimate() {
     flush();
-    sampling::Estimate e = std::exchange(sum_, sampling::Halves{}).estimate();
+    sampling::Estimate e = std::exchange(sum_, sampling::HalfSums{}).estimate();
     e.spread *= spread_;
     return e;
   }
@@ -56,7 +58,7 @@ class ShadowBatch {
   std::uint32_t waiting_ = 0;
   bool second_[16];
   math::Rgb value_[16];
-  sampling::Halves sum_;
+  sampling::HalfSums sum_;
   std::uint64_t traced_ = 0;
 };
 
@@ -69,11 +71,11 @@ float receiver_cosine(const Footprint& at, std::uint32_t point, math::Vec3 direc
 /// From every point of the footprint. No part of its spread: the points are the same whatever the
 /// number of samples, and two halves of them differ by far more than all of them from the
 /// footprint.
-math::Rgb punctual_light(const SolverInput& in, const Footprint& at, ShadowBatch& shadows) {
+math::Rgb punctual_light(const World& world, const Footprint& at, ShadowBatch& shadows) {
   constexpr float kShare = 1.f / Footprint::kPoints;
-  for (const scene::PunctualLight& light : in.lights.punctual())
+  for (const scene::PunctualLight& light : world.lights.punctual())
     for (std::uint32_t i = 0; i < Footprint::kPoints; ++i) {
-      const light::PunctualArrival a = light::arrive(light, at.position[i]);
+      const light::PunctualSample a = light::sample_punctual(light, at.position[i]);
       const float cosine = receiver_cosine(at, i, a.direction);
       const math::Rgb value = a.irradiance * (cosine * kShare);
       if (!is_black(value)) shadows.add(at.origin[i], a.shadow_ray(at.origin[i]), value, false);
@@ -102,8 +104,8 @@ class ShareWalk {
 /// texel's sequence, of which `first` were used before.
 class SampleOrder {
  public:
-  SampleOrder(const SolverInput& in, std::uint32_t first, std::uint32_t count, std::uint32_t seed)
-      : low_discrepancy_(in.settings.uses(proto::Technique::kLowDiscrepancy)),
+  SampleOrder(const World& world, std::uint32_t first, std::uint32_t count, std::uint32_t seed)
+      : low_discrepancy_(world.settings.uses(proto::Technique::kLowDiscrepancy)),
         first_(first),
         second_half_((count + 1) / 2),
         seed_(seed),
@@ -128,13 +130,13 @@ class SampleOrder {
 /// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
 /// Unbiased. `first` samples were drawn before.
 template <class Walk>
-sampling::Estimate sampled_light(const SolverInput& in, const Footprint& at, Walk walk,
+sampling::Estimate sampled_light(const World& world, const Footprint& at, Walk walk,
                                  std::uint32_t first, std::uint32_t count, std::uint32_t seed,
                                  ShadowBatch& shadows) {
   const float start = sampling::to_unit(sampling::hash(seed, 1, first));
-  const SampleOrder order(in, first, count, seed);
+  const SampleOrder order(world, first, count, seed);
   // The light that was picked last, as the points see it.
-  std::array<std::optional<light::SampledLight>, Footprint::kPoints> seen;
+  std::array<std::optional<light::AreaLightSampler>, Footprint::kPoints> seen;
   std::uint32_t seen_light = ~0u;
   for (std::uint32_t k = 0; k < count; ++k) {
     const light::LightChoice::Pick pick = walk.at((double(k) + double(start)) / double(count));
@@ -144,7 +146,7 @@ sampling::Estimate sampled_light(const SolverInput& in, const Footprint& at, Wal
       for (auto& from_point : seen) from_point.reset();
     seen_light = pick.light;
     if (!seen[i])
-      seen[i].emplace(in.lights.seen_from(at.position[i], in.lights.area()[pick.light]));
+      seen[i].emplace(world.lights.sampler_from(at.position[i], world.lights.area()[pick.light]));
     const light::LightSample s = seen[i]->sample(order.sample(k));
     const float cosine = receiver_cosine(at, i, s.direction);
     const math::Rgb value = s.value * (cosine / (float(count) * pick.probability));
@@ -161,13 +163,13 @@ struct Receiver {
 
 /// Light from the bright parts of the sky by `count` samples: what the hemisphere's rays leave of
 /// it (see SkyShares). `first` samples were drawn before.
-sampling::Estimate bright_sky(const SolverInput& in, const Footprint& at, std::uint32_t first,
+sampling::Estimate bright_sky(const World& world, const Footprint& at, std::uint32_t first,
                               std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
-  const light::SkyShares shares = sky_shares(in.plan);
-  const SampleOrder order(in, first, count, seed);
+  const light::SkyShares shares = sky_shares(world.plan);
+  const SampleOrder order(world, first, count, seed);
   for (std::uint32_t k = 0; k < count; ++k) {
     const std::uint32_t i = order.footprint_point(k);
-    const light::SkyLight::Sample s = in.lights.sky()->sample(order.sample(k));
+    const light::SkyLight::Sample s = world.lights.sky()->sample(order.sample(k));
     const float cosine = receiver_cosine(at, i, s.direction);
     const float weight = shares.of_bright(s.seen.density, cosine);
     const math::Rgb value = s.seen.radiance * (cosine * weight / float(count));
@@ -180,14 +182,15 @@ sampling::Estimate bright_sky(const SolverInput& in, const Footprint& at, std::u
 /// Many lights: the texels of a tile choose among them alike.
 class ManyLights {
  public:
-  explicit ManyLights(const SolverInput& in) : in_(in), lamp_(in), choice_(in.lights.table()) {}
+  explicit ManyLights(const World& world)
+      : world_(world), polygon_(world), choice_(world.lights.table()) {}
 
   void light(std::span<const Receiver> tile, std::uint32_t first, std::uint32_t count,
              ShadowBatch& shadows, std::span<sampling::Estimate> arrived) {
     start_tile(tile);
     for (std::size_t i = 0; i < tile.size(); ++i)
-      arrived[i] += sampled_light(in_, tile[i].at, light::LightChoice::Walk(choice_), first, count,
-                                  tile[i].seed, shadows);
+      arrived[i] += sampled_light(world_, tile[i].at, light::LightChoice::Walk(choice_), first,
+                                  count, tile[i].seed, shadows);
   }
   static std::uint64_t traced() { return 0; }  ///< beside the batch's
 
@@ -197,8 +200,8 @@ class ManyLights {
   /// left to chance.
   void start_tile(std::span<const Receiver> tile) {
     choice_.clear();
-    if (!in_.settings.uses(proto::Technique::kLightImportance)) return choice_.finish();
-    const atlas::TextureGroup& texels = in_.texels;
+    if (!world_.settings.uses(proto::Technique::kLightImportance)) return choice_.finish();
+    const atlas::TextureGroup& texels = world_.texels;
     const std::size_t step = std::max(std::size_t(1), tile.size() / kPilots);
     pilots_.clear();
     for (std::size_t i = 0; i < tile.size(); ++i) {
@@ -233,7 +236,7 @@ class ManyLights {
     const Footprint& at = tile[pilot].at;
     const simd::PointFrames frames = at.frames();
     const std::uint32_t texel = tile[pilot].texel;
-    const math::Vec3 p = in_.texels.position[texel], n = in_.texels.shading_normal[texel];
+    const math::Vec3 p = world_.texels.position[texel], n = world_.texels.shading_normal[texel];
     const auto farthest = [p](const Footprint& footprint) {
       float square = 0;
       for (const math::Vec3& q : footprint.position) square = std::max(square, dot(q - p, q - p));
@@ -243,35 +246,35 @@ class ManyLights {
     for (const std::size_t i : around_[pilot]) extent = std::max(extent, farthest(tile[i].at));
     const simd::Viewpoint from{{p.x, p.y, p.z}, {n.x, n.y, n.z}, extent, kNearRadii * farthest(at)};
     choice_.add(from, [&](std::uint32_t l) {
-      const light::AreaLight& light = in_.lights.area()[l];
-      return luminance(light.radiance) * lamp_.view(light, at, frames, 4).mean;
+      const light::AreaLight& light = world_.lights.area()[l];
+      return luminance(light.radiance) * polygon_.view(light, at, frames, 4).mean;
     });
   }
 
-  const SolverInput& in_;
-  const LampLight lamp_;
+  const World& world_;
+  const PolygonLight polygon_;
   light::LightChoice choice_;
-  std::vector<std::size_t> pilots_;                           ///< places in the tile
-  std::array<std::vector<std::size_t>, kTileTexels> around_;  ///< what each pilot stands for
+  std::vector<std::size_t> pilots_;                                ///< places in the tile
+  std::array<std::vector<std::size_t>, kLightTileTexels> around_;  ///< what each pilot stands for
 };
 
 /// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the
 /// others share what is left.
 class FewLights {
  public:
-  explicit FewLights(const SolverInput& in) : in_(in), lamp_(in) {
-    for (auto& views : views_) views.resize(in.lights.area().size());
-    for (auto& share : share_) share.resize(in.lights.area().size());
+  explicit FewLights(const World& world) : world_(world), polygon_(world) {
+    for (auto& views : views_) views.resize(world.lights.area().size());
+    for (auto& share : share_) share.resize(world.lights.area().size());
   }
 
   void light(std::span<const Receiver> tile, std::uint32_t first, std::uint32_t count,
              ShadowBatch& shadows, std::span<sampling::Estimate> arrived) {
-    const auto& lights = in_.lights.area();
+    const auto& lights = world_.lights.area();
     for (std::size_t i = 0; i < tile.size(); ++i) {
       frames_[i] = tile[i].at.frames();
       weigh(tile[i], i);
     }
-    const bool closed_form = in_.settings.uses(proto::Technique::kClosedForm);
+    const bool closed_form = world_.settings.uses(proto::Technique::kClosedForm);
     for (std::uint32_t l = 0; l < lights.size(); ++l)
       if (closed_form && lights[l].is_uniform()) light_by(l, tile, first, count, arrived);
     for (std::size_t i = 0; i < tile.size(); ++i)
@@ -287,10 +290,10 @@ class FewLights {
 
   /// The share of every light in what the receiver would get if nothing stood between.
   void weigh(const Receiver& to, std::size_t i) {
-    const auto& lights = in_.lights.area();
+    const auto& lights = world_.lights.area();
     float total = 0;
     for (std::size_t l = 0; l < lights.size(); ++l) {
-      views_[i][l] = lamp_.view(lights[l], to.at, frames_[i]);
+      views_[i][l] = polygon_.view(lights[l], to.at, frames_[i]);
       total += share_[i][l] = luminance(lights[l].radiance) * views_[i][l].mean;
     }
     for (float& share : share_[i]) share = total > 0 ? share / total : 0;
@@ -302,9 +305,9 @@ class FewLights {
   /// shares of the samples before and after, so that rounds neither repeat nor leave out any.
   void light_by(std::uint32_t l, std::span<const Receiver> tile, std::uint32_t first,
                 std::uint32_t count, std::span<sampling::Estimate> arrived) {
-    const light::AreaLight& light = in_.lights.area()[l];
-    std::vector<LampLight::Shadow>& shadows = shadows_;
-    std::array<std::size_t, kTileTexels> of{};
+    const light::AreaLight& light = world_.lights.area()[l];
+    std::vector<PolygonLight::Shadow>& shadows = shadows_;
+    std::array<std::size_t, kLightTileTexels> of{};
     shadows.clear();
     bool lit = false, blocked = false;
     for (std::size_t i = 0; i < tile.size(); ++i) {
@@ -315,8 +318,8 @@ class FewLights {
       };
       const std::uint32_t begin = packets(first), end = std::max(packets(first + count), begin + 1);
       of[shadows.size()] = i;
-      LampLight::Shadow& s =
-          shadows.emplace_back(lamp_, light, views_[i][l], tile[i].at, frames_[i], begin,
+      PolygonLight::Shadow& s =
+          shadows.emplace_back(polygon_, light, views_[i][l], tile[i].at, frames_[i], begin,
                                end - begin, sampling::hash(tile[i].seed, l));
       traced_ +=
           s.send_until(probes_ ? (s.packets() + kProbeShare - 1) / kProbeShare : s.packets());
@@ -325,7 +328,7 @@ class FewLights {
     }
     for (std::size_t k = 0; k < shadows.size(); ++k) {
       if (lit && blocked) traced_ += shadows[k].send_until(shadows[k].packets());
-      const LampLight::Arrived a = shadows[k].arrived();
+      const PolygonLight::Arrived a = shadows[k].arrived();
       arrived[of[k]] +=
           sampling::Estimate{light.radiance * a.irradiance, luminance(light.radiance) * a.spread};
     }
@@ -339,37 +342,37 @@ class FewLights {
     for (float& s : share) s /= rest;
     const auto part = [&](std::uint32_t n) { return std::uint32_t(std::ceil(float(n) * rest)); };
     arrived +=
-        sampled_light(in_, to.at, ShareWalk(share), part(first), part(count), to.seed, shadows);
+        sampled_light(world_, to.at, ShareWalk(share), part(first), part(count), to.seed, shadows);
   }
 
-  const SolverInput& in_;
-  const LampLight lamp_;
-  const bool probes_ = in_.settings.uses(proto::Technique::kShadowProbes);
-  std::array<simd::PointFrames, kTileTexels> frames_;
-  std::array<std::vector<LampLight::View>, kTileTexels> views_;
-  std::array<std::vector<float>, kTileTexels> share_;
-  std::vector<LampLight::Shadow> shadows_;
+  const World& world_;
+  const PolygonLight polygon_;
+  const bool probes_ = world_.settings.uses(proto::Technique::kShadowProbes);
+  std::array<simd::PointFrames, kLightTileTexels> frames_;
+  std::array<std::vector<PolygonLight::View>, kLightTileTexels> views_;
+  std::array<std::vector<float>, kLightTileTexels> share_;
+  std::vector<PolygonLight::Shadow> shadows_;
   std::uint64_t traced_ = 0;
 };
 
 /// @param area_lights FewLights or ManyLights
 template <class AreaLights>
-std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, atlas::TexelRange range,
+std::uint64_t light_texels(const World& world, AreaLights area_lights, atlas::TexelRange range,
                            std::uint32_t first, std::uint32_t count, const DirectLight::Put& put) {
-  ShadowBatch shadows(in);
+  ShadowBatch shadows(world);
   std::vector<Receiver> tile;
-  std::array<sampling::Estimate, kTileTexels> arrived;
-  for (std::uint32_t begin = range.begin; begin < range.end; begin += kTileTexels) {
+  std::array<sampling::Estimate, kLightTileTexels> arrived;
+  for (std::uint32_t begin = range.begin; begin < range.end; begin += kLightTileTexels) {
     tile.clear();
-    for (std::uint32_t t = begin; t < std::min(begin + kTileTexels, range.end); ++t) {
-      tile.push_back({t, texel_seed(in, t, Purpose::kDirect), Footprint(in, t)});
-      arrived[t - begin] = sampling::Estimate{punctual_light(in, tile.back().at, shadows)};
+    for (std::uint32_t t = begin; t < std::min(begin + kLightTileTexels, range.end); ++t) {
+      tile.push_back({t, texel_seed(world, t, SampleStream::kDirect), Footprint(world, t)});
+      arrived[t - begin] = sampling::Estimate{punctual_light(world, tile.back().at, shadows)};
     }
-    if (!in.lights.area().empty()) area_lights.light(tile, first, count, shadows, arrived);
+    if (!world.lights.area().empty()) area_lights.light(tile, first, count, shadows, arrived);
     for (const Receiver& r : tile) {
       sampling::Estimate& e = arrived[r.texel - begin];
-      if (in.lights.has_bright_sky())
-        e += bright_sky(in, r.at, first, count, sampling::hash(r.seed, kSkyDraws), shadows);
+      if (world.lights.has_bright_sky())
+        e += bright_sky(world, r.at, first, count, sampling::hash(r.seed, kSkyDraws), shadows);
       put(r.texel, e);
     }
   }
@@ -380,8 +383,9 @@ std::uint64_t light_texels(const SolverInput& in, AreaLights area_lights, atlas:
 
 std::uint64_t DirectLight::run(atlas::TexelRange range, std::uint32_t first, std::uint32_t count,
                                const Put& put) const {
-  return are_many(in_.lights) ? light_texels(in_, ManyLights(in_), range, first, count, put)
-                              : light_texels(in_, FewLights(in_), range, first, count, put);
+  return are_many(world_.lights)
+             ? light_texels(world_, ManyLights(world_), range, first, count, put)
+             : light_texels(world_, FewLights(world_), range, first, count, put);
 }
 
 }  // namespace kiln::solver::direct

@@ -6,19 +6,19 @@
 
 #include "baker/sampling/estimate.h"
 #include "baker/solver/footprint.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::direct {
 
 /// Direct light by explicit sampling. Area lights share the shadow rays of a texel by their
 /// unoccluded contributions. Where lights are few, those that earn a ray from each point are lamps
-/// (see LampLight); the others, and all where they are many, are drawn systematically from the
+/// (see PolygonLight); the others, and all where they are many, are drawn systematically from the
 /// distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
 /// each point of the footprint. Bright parts of a sky map are drawn from it. Immutable; callable
 /// from many threads.
 class DirectLight {
  public:
-  explicit DirectLight(const SolverInput& in) : in_(in) {}
+  explicit DirectLight(const World& world) : world_(world) {}
 
   /// Up to this many lights each texel weighs them for itself.
   static constexpr std::size_t kFewLights = 16;
@@ -34,7 +34,7 @@ class DirectLight {
                     const Put& put) const;
 
  private:
-  const SolverInput& in_;
+  const World& world_;
 };
 
 }  // namespace kiln::solver::direct

@@ -19,8 +19,8 @@ constexpr float kNearLamp = 4;
 
 }  // namespace
 
-LampLight::View LampLight::view(const light::AreaLight& light, const Footprint& at,
-                                const simd::PointFrames& frames, std::uint32_t points) const {
+PolygonLight::View PolygonLight::view(const light::AreaLight& light, const Footprint& at,
+                                      const simd::PointFrames& frames, std::uint32_t points) const {
   // Below this size against the distance the closed form loses digits, and the light is as good
   // as constant over the lamp anyway.
   constexpr float kSmall = 0.02f;
@@ -42,9 +42,9 @@ LampLight::View LampLight::view(const light::AreaLight& light, const Footprint& 
   return view;
 }
 
-LampLight::Shadow::Shadow(const LampLight& all, const light::AreaLight& light, const View& view,
-                          const Footprint& at, const simd::PointFrames& frames, std::uint32_t first,
-                          std::uint32_t packets, std::uint32_t seed)
+PolygonLight::Shadow::Shadow(const PolygonLight& all, const light::AreaLight& light,
+                             const View& view, const Footprint& at, const simd::PointFrames& frames,
+                             std::uint32_t first, std::uint32_t packets, std::uint32_t seed)
     : all_(all),
       light_(light),
       view_(view),
@@ -56,7 +56,7 @@ LampLight::Shadow::Shadow(const LampLight& all, const light::AreaLight& light, c
       flip_(sampling::hash(seed, 2) % kPoints),
       near_(light::LightSet::is_near(light, at.position[0], kNearLamp)) {}
 
-std::uint64_t LampLight::Shadow::send_until(std::uint32_t end) {
+std::uint64_t PolygonLight::Shadow::send_until(std::uint32_t end) {
   const simd::LightShape shape = light_.shape();
   const float clearance = light_.clearance(at_.position[0]);
   std::uint64_t traced = 0;
@@ -79,7 +79,7 @@ std::uint64_t LampLight::Shadow::send_until(std::uint32_t end) {
     std::memcpy(rays.dir_x, to.direction[0], sizeof rays.dir_x);
     std::memcpy(rays.dir_y, to.direction[1], sizeof rays.dir_y);
     std::memcpy(rays.dir_z, to.direction[2], sizeof rays.dir_z);
-    add(rays, to, rays.active != 0 ? all_.in_.rays.occluded(rays) : 0);
+    add(rays, to, rays.active != 0 ? all_.world_.rays.occluded(rays) : 0);
     traced += std::uint64_t(std::popcount(rays.active));
   }
   return traced;
@@ -90,7 +90,7 @@ std::uint64_t LampLight::Shadow::send_until(std::uint32_t end) {
 /// the rays of every packet spread over the lamp. The second half has half of every run: the last
 /// half of the one, the first of another, by two bits of the run's number, so that both spread over
 /// footprint and lamp. Of a single packet, the halves are those of the sequence.
-void LampLight::Shadow::take_samples() {
+void PolygonLight::Shadow::take_samples() {
   second_ = 0;
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const std::uint32_t lane = i ^ flip_, run = Footprint::sample_of(lane);
@@ -105,11 +105,11 @@ void LampLight::Shadow::take_samples() {
   }
 }
 
-void LampLight::Shadow::near_rays(simd::LightRays& to) const {
+void PolygonLight::Shadow::near_rays(simd::LightRays& to) const {
   const float unit = luminance(light_.radiance);
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const math::Vec2 u = sampling::scrambled({x_[i ^ flip_], y_[i ^ flip_]}, seed_);
-    const light::LightSample s = all_.in_.lights.seen_from(at_.position[i], light_).sample(u);
+    const light::LightSample s = all_.world_.lights.sampler_from(at_.position[i], light_).sample(u);
     const math::Vec3 d = s.shadow_ray(at_.origin[i]).direction;
     to.direction[0][i] = d.x, to.direction[1][i] = d.y, to.direction[2][i] = d.z;
     const bool above = dot(at_.geometric_normal[i], s.direction) > 0;
@@ -118,8 +118,8 @@ void LampLight::Shadow::near_rays(simd::LightRays& to) const {
   }
 }
 
-void LampLight::Shadow::add(const trace::RayPacket& rays, const simd::LightRays& to,
-                            std::uint32_t blocked) {
+void PolygonLight::Shadow::add(const trace::RayPacket& rays, const simd::LightRays& to,
+                               std::uint32_t blocked) {
   for (std::uint32_t i = 0; i < kPoints; ++i) {
     const float weight = rays.active >> i & 1 ? to.weight[i] : 0.f;
     Sums& half = half_[second_ >> i & 1];
@@ -131,12 +131,12 @@ void LampLight::Shadow::add(const trace::RayPacket& rays, const simd::LightRays&
   blocked_ = blocked_ || (rays.active & blocked) != 0;
 }
 
-float LampLight::Shadow::irradiance(const Sums& s) const {
+float PolygonLight::Shadow::irradiance(const Sums& s) const {
   if (!view_.exact) return s.arrived / s.rays;
   return s.sent > 0 ? view_.mean * (s.arrived / s.sent) : 0;
 }
 
-LampLight::Arrived LampLight::Shadow::arrived() const {
+PolygonLight::Arrived PolygonLight::Shadow::arrived() const {
   const Sums &a = half_[0], &b = half_[1];
   const Sums all{a.sent + b.sent, a.arrived + b.arrived, a.rays + b.rays};
   const float net = all_.low_discrepancy_ ? sampling::kLampNetSpread : 1;

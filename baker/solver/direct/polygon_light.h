@@ -6,7 +6,7 @@
 
 #include "baker/simd/kernels.h"
 #include "baker/solver/footprint.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::direct {
 
@@ -14,12 +14,12 @@ namespace kiln::solver::direct {
 /// times the visible share that shadow rays find, the rays weighted by what they would bring. Where
 /// nothing or everything stands between, the result is exact; in the half-shadow the ratio has a
 /// bias of the order of 1/rays, without the noise of the unoccluded light.
-class LampLight {
+class PolygonLight {
  public:
-  explicit LampLight(const SolverInput& in)
-      : in_(in),
+  explicit PolygonLight(const World& world)
+      : world_(world),
         kernels_(simd::kernels()),
-        low_discrepancy_(in.settings.uses(proto::Technique::kLowDiscrepancy)) {}
+        low_discrepancy_(world.settings.uses(proto::Technique::kLowDiscrepancy)) {}
 
   /// A lamp as the points of one texel see it.
   struct View {
@@ -40,17 +40,17 @@ class LampLight {
   class Shadow;
 
  private:
-  const SolverInput& in_;
+  const World& world_;
   const simd::Kernels& kernels_;
   const bool low_discrepancy_;
 };
 
 /// The shadow rays of one texel to one lamp. Outlived by what it is made of.
-class LampLight::Shadow {
+class PolygonLight::Shadow {
  public:
   /// @param first packets that were sent before, of the same sequence
   /// @param packets one shadow ray from each point; at least 1
-  Shadow(const LampLight&, const light::AreaLight&, const View&, const Footprint&,
+  Shadow(const PolygonLight&, const light::AreaLight&, const View&, const Footprint&,
          const simd::PointFrames&, std::uint32_t first, std::uint32_t packets, std::uint32_t seed);
 
   std::uint32_t packets() const { return packets_; }
@@ -71,7 +71,7 @@ class LampLight::Shadow {
   void add(const trace::RayPacket&, const simd::LightRays&, std::uint32_t blocked);
   float irradiance(const Sums&) const;
 
-  const LampLight& all_;
+  const PolygonLight& all_;
   const light::AreaLight& light_;
   const View& view_;
   const Footprint& at_;

@@ -11,12 +11,16 @@ namespace kiln::solver::gather {
 /// lightmap [RTRad 5.4, with E = π · mean L for cosine-distributed directions; Moreno-Fortuny ch.
 /// 3].
 ///
-/// Passes: `direct`; `trace`, which follows the directions once, remembers the texel that each one
-/// met (4 bytes) and adds up the sky; `refine`, where texels between the sites do not agree (see
-/// CoarseSites); one `bounce` per diffuse reflection, all look-ups; `tail`, the last of them, which
-/// stands for all that would follow. Then a `round` wherever more samples are needed than the hits
-/// were remembered of (see SampleRounds): these trace afresh, and read what the last bounce read.
-/// @param hit_budget_bytes memory for remembered hits
-std::unique_ptr<Solver> make_gather_solver(const SolverInput&, std::uint64_t hit_budget_bytes);
+/// Passes, each in a file of its own:
+/// 1. `direct`: shadow rays towards lights (solver/direct).
+/// 2. `trace`: the directions are followed once, and what each one met is kept (trace_pass.cpp).
+/// 3. `refine`: where light is gathered coarsely, texels whose sites disagree (refine_pass.cpp).
+/// 4. `bounce`, once per diffuse reflection, look-ups alone; the last of them, `tail`, stands for
+/// all
+///    that would follow (bounce_pass.cpp).
+/// 5. `round`, while the error is above its target, or more samples are asked for than there was
+///    memory for hits: these trace afresh and read what the last bounce read (round_pass.cpp).
+/// @param hit_budget_bytes memory for the hits that are kept
+std::unique_ptr<Solver> make_gather_solver(const World&, std::uint64_t hit_budget_bytes);
 
 }  // namespace kiln::solver::gather

@@ -45,7 +45,7 @@ struct TexelSamples {
 }  // namespace
 
 /// What the rays from each point of a footprint met.
-struct Hemisphere::Census {
+struct Hemisphere::BackfaceTally {
   std::uint32_t rays[kPoints] = {}, behind[kPoints] = {};
 
   bool met_backs() const { return std::any_of(behind, behind + kPoints, std::identity()); }
@@ -60,14 +60,14 @@ struct Hemisphere::Census {
 class Hemisphere::Tracer {
  public:
   Tracer(const Hemisphere& all, const sampling::DirectionSet& set, std::uint32_t tile)
-      : in_(all.in_),
+      : world_(all.world_),
         kernels_(all.kernels_),
         plan_(all.plan_),
         set_(set),
-        sky_(all.in_.lights.sky()),
-        shares_(sky_shares(all.in_.plan)),
-        grid_(all.in_.lookup.grid()),
-        tile_seed_(texel_seed(all.in_, tile, Purpose::kGatherTile)) {
+        sky_(all.world_.lights.sky()),
+        shares_(sky_shares(all.world_.plan)),
+        grid_(all.world_.lookup.grid()),
+        tile_seed_(texel_seed(all.world_, tile, SampleStream::kGatherTile)) {
     points_.shared_x = plan_.shared_x(), points_.shared_y = plan_.shared_y();
     points_.shared_seed_x = sampling::hash(tile_seed_, 1),
     points_.shared_seed_y = sampling::hash(tile_seed_, 2);
@@ -75,12 +75,12 @@ class Hemisphere::Tracer {
   }
 
   /// One texel; lane = point of its footprint.
-  Census trace_texel(Gathering& of) {
-    const simd::PointFrames frames = Footprint(in_, of.texel).frames();
-    TexelSamples own(texel_seed(in_, of.texel, Purpose::kGather));
+  BackfaceTally trace_texel(Gathering& of) {
+    const simd::PointFrames frames = Footprint(world_, of.texel).frames();
+    TexelSamples own(texel_seed(world_, of.texel, SampleStream::kGather));
     std::fill_n(points_.seed_x, 16, own.seed_x);
     std::fill_n(points_.seed_y, 16, own.seed_y);
-    Census census;
+    BackfaceTally tally;
     for (std::uint32_t first = 0; first < set_.size(); first += 16) {
       const std::uint32_t flip = flip_of(first);
       std::uint32_t lanes = 0, sample[16];
@@ -93,21 +93,22 @@ class Hemisphere::Tracer {
       }
       trace(frames, lanes, set_.coherent);
       for (std::uint32_t i = 0; i < 16; ++i)
-        if (lanes >> i & 1) take(i, i, sample[i], of, census);
+        if (lanes >> i & 1) take(i, i, sample[i], of, tally);
     }
-    return census;
+    return tally;
   }
 
   /// Up to sixteen texels with one direction each, or four with four: lane = texel * strata +
   /// stratum.
-  void trace_together(std::span<Gathering> group, std::span<Census> census) {
+  void trace_together(std::span<Gathering> group, std::span<BackfaceTally> tally) {
     const std::uint32_t texels = plan_.texels(), strata = 16 / texels;
     const auto last = std::uint32_t(group.size() - 1);
     std::array<TexelSamples, 16> own;
     std::uint32_t used = 0;
     for (std::uint32_t i = 0; i < 16; ++i) {
       const std::uint32_t t = std::min(i / strata, last);
-      if (i % strata == 0) own[t] = TexelSamples(texel_seed(in_, group[t].texel, Purpose::kGather));
+      if (i % strata == 0)
+        own[t] = TexelSamples(texel_seed(world_, group[t].texel, SampleStream::kGather));
       points_.seed_x[i] = own[t].seed_x, points_.seed_y[i] = own[t].seed_y;
       used |= std::uint32_t(i / strata <= last) << i;
     }
@@ -129,7 +130,7 @@ class Hemisphere::Tracer {
         trace(frames_[run], lanes, true);
         for (std::uint32_t i = 0; i < 16; ++i)
           if (lanes >> i & 1)
-            take(i, run * strata + i % strata, sample[i], group[i / strata], census[i / strata]);
+            take(i, run * strata + i % strata, sample[i], group[i / strata], tally[i / strata]);
       }
     }
   }
@@ -145,7 +146,7 @@ class Hemisphere::Tracer {
   /// The frames of the points of a group, run by run of `strata` points, a texel's lanes together.
   void transpose(std::span<const Gathering> group, std::uint32_t strata) {
     for (std::uint32_t t = 0; t < 16 / strata; ++t) {
-      if (t < group.size()) of_texel_ = Footprint(in_, group[t].texel).frames();
+      if (t < group.size()) of_texel_ = Footprint(world_, group[t].texel).frames();
       const auto deal = [&](const float(&from)[3][16], float(simd::PointFrames::*to)[3][16]) {
         for (std::uint32_t p = 0; p < kPoints; ++p)
           for (int k = 0; k < 3; ++k)
@@ -167,25 +168,25 @@ class Hemisphere::Tracer {
     rays_.active = 0;
     for (std::uint32_t i = 0; i < 16; ++i) rays_.active |= std::uint32_t(to_.above[i] > 0) << i;
     rays_.active &= lanes;
-    in_.rays.closest(rays_, met_, coherent);
+    world_.rays.closest(rays_, met_, coherent);
     kernels_.look_up(grid_, met_.triangle, met_.u, met_.v, met_.back, pick_, found_);
   }
 
   /// What lane i brought.
   void take(std::uint32_t i, std::uint32_t point, std::uint32_t sample, Gathering& of,
-            Census& census) {
+            BackfaceTally& tally) {
     std::uint32_t& hit = of.hits[sample];
     hit = simd::kHitNothing;
     if (!(rays_.active >> i & 1)) return;
     if (found_[i] == simd::kHitUnclear) {
       const std::int32_t t =
-          in_.lookup.pick(met_.triangle[i], {met_.u[i], met_.v[i]}, met_.back[i] != 0, pick_[i]);
+          world_.lookup.pick(met_.triangle[i], {met_.u[i], met_.v[i]}, met_.back[i] != 0, pick_[i]);
       found_[i] = t != atlas::kNoTexel ? static_cast<std::uint32_t>(t) : simd::kHitNothing;
     }
     hit = found_[i];
     if (sky_ && hit == simd::kHitSky) of.sky[set_.in_second_half(sample)] += sky_in(i);
-    ++census.rays[point];
-    census.behind[point] += hit == simd::kHitNothing && met_.back[i];
+    ++tally.rays[point];
+    tally.behind[point] += hit == simd::kHitNothing && met_.back[i];
   }
 
   /// What lane i sees of a sky map.
@@ -197,9 +198,9 @@ class Hemisphere::Tracer {
     return seen.radiance * shares_.of_cosine(seen.density, cosine);
   }
 
-  const SolverInput& in_;
+  const World& world_;
   const simd::Kernels& kernels_;
-  const PacketPlan& plan_;
+  const PacketLayout& plan_;
   const sampling::DirectionSet& set_;
   const light::SkyLight* const sky_;  ///< null: it is uniform
   const light::SkyShares shares_;
@@ -216,32 +217,35 @@ class Hemisphere::Tracer {
   alignas(64) float pick_[16];
 };
 
-Hemisphere::Hemisphere(const SolverInput& in, const PacketPlan& plan)
-    : in_(in), plan_(plan), kernels_(simd::kernels()), probe_(0, kProbeRays * kPoints, false) {}
+Hemisphere::Hemisphere(const World& world, const PacketLayout& plan)
+    : world_(world),
+      plan_(plan),
+      kernels_(simd::kernels()),
+      probe_(0, kProbeRays * kPoints, false) {}
 
 void Hemisphere::follow(std::span<Gathering> texels, const sampling::DirectionSet& set) const {
-  std::array<Census, kTileTexels> ignored;
+  std::array<BackfaceTally, kTileTexels> ignored;
   trace(texels, set, ignored);
 }
 
 void Hemisphere::follow_and_probe(std::span<Gathering> texels,
                                   const sampling::DirectionSet& set) const {
-  std::array<Census, kTileTexels> census;
-  trace(texels, set, census);
+  std::array<BackfaceTally, kTileTexels> tally;
+  trace(texels, set, tally);
   for (std::size_t i = 0; i < texels.size(); ++i) {
     texels[i].visible = 1;
-    if (!census[i].met_backs()) continue;
+    if (!tally[i].met_backs()) continue;
     if (set.size() < probe_.size()) {
       std::array<std::uint32_t, kProbeRays * kPoints> hits;
       Gathering probed{texels[i].texel, hits};
-      census[i] = Tracer(*this, probe_, probed.texel / kTileTexels).trace_texel(probed);
+      tally[i] = Tracer(*this, probe_, probed.texel / kTileTexels).trace_texel(probed);
     }
-    texels[i].visible = census[i].visible_share();
+    texels[i].visible = tally[i].visible_share();
   }
 }
 
 void Hemisphere::trace(std::span<Gathering> texels, const sampling::DirectionSet& set,
-                       std::span<Census> census) const {
+                       std::span<BackfaceTally> tally) const {
   if (texels.empty()) return;
   Tracer tracer(*this, set, texels.front().texel / kTileTexels);
   const std::size_t together = plan_.texels();
@@ -249,10 +253,10 @@ void Hemisphere::trace(std::span<Gathering> texels, const sampling::DirectionSet
   // Half-empty packets cost as much as full ones.
   while (together > 1 && texels.size() - done >= together / 2) {
     const std::size_t n = std::min(together, texels.size() - done);
-    tracer.trace_together(texels.subspan(done, n), census.subspan(done, n));
+    tracer.trace_together(texels.subspan(done, n), tally.subspan(done, n));
     done += n;
   }
-  for (; done < texels.size(); ++done) census[done] = tracer.trace_texel(texels[done]);
+  for (; done < texels.size(); ++done) tally[done] = tracer.trace_texel(texels[done]);
 }
 
 }  // namespace kiln::solver::gather

@@ -7,7 +7,7 @@
 #include "baker/sampling/direction_set.h"
 #include "baker/simd/kernels.h"
 #include "baker/solver/gather/packet_layout.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::gather {
 
@@ -15,7 +15,7 @@ namespace kiln::solver::gather {
 /// meet. Immutable; callable from many threads.
 class Hemisphere {
  public:
-  Hemisphere(const SolverInput&, const PacketPlan&);
+  Hemisphere(const World&, const PacketLayout&);
 
   /// A texel that sends rays, and what it gets.
   struct Gathering {
@@ -27,22 +27,22 @@ class Hemisphere {
     std::array<math::Rgb, 2> sky{};
   };
   /// Texels whose directions are followed together lie in one run of so many.
-  static constexpr std::uint32_t kTileTexels = 64;
+  static constexpr std::uint32_t kTileTexels = kSampleTileTexels;
 
   /// Follows the directions of some texels of one tile, dealt over the points of their footprints.
-  /// What a texel gets does not depend on the others.
+  /// The result of a texel does not depend on the others.
   void follow(std::span<Gathering>, const sampling::DirectionSet&) const;
   /// The same, and tells the share of each footprint that is not hidden: all rays from a hidden
   /// point meet the backs of surfaces. Sends more rays where few of them met backs.
   void follow_and_probe(std::span<Gathering>, const sampling::DirectionSet&) const;
 
  private:
-  struct Census;
+  struct BackfaceTally;
   class Tracer;
-  void trace(std::span<Gathering>, const sampling::DirectionSet&, std::span<Census>) const;
+  void trace(std::span<Gathering>, const sampling::DirectionSet&, std::span<BackfaceTally>) const;
 
-  const SolverInput& in_;
-  const PacketPlan& plan_;
+  const World& world_;
+  const PacketLayout& plan_;
   const simd::Kernels& kernels_;
   const sampling::DirectionSet probe_;
 };

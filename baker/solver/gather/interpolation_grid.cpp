@@ -1,5 +1,6 @@
 #include "baker/solver/gather/interpolation_grid.h"
 
+#include <algorithm>
 #include <limits>
 
 namespace kiln::solver::gather {
@@ -12,7 +13,7 @@ constexpr float kSameTurn = 0.95f;
 
 }  // namespace
 
-CoarseSites::Sites CoarseSites::around(std::uint32_t texel) const {
+InterpolationGrid::Sites InterpolationGrid::around(std::uint32_t texel) const {
   const int dx = texels_.x[texel] & 1, dy = texels_.y[texel] & 1;
   Sites sites;
   if (!dx && !dy) return sites;
@@ -27,7 +28,7 @@ CoarseSites::Sites CoarseSites::around(std::uint32_t texel) const {
   return sites;
 }
 
-bool CoarseSites::agree(const Sites& sites, const lightmap::Lightmap& light) const {
+bool InterpolationGrid::agree(const Sites& sites, const lightmap::Lightmap& light) const {
   float low = std::numeric_limits<float>::infinity(), high = 0, direct = low;
   for (const std::uint32_t s : sites.all()) {
     if (light.validity[s] < 1) return false;
@@ -36,6 +37,28 @@ bool CoarseSites::agree(const Sites& sites, const lightmap::Lightmap& light) con
     direct = std::min(direct, luminance(light.direct[s]));
   }
   return high - low <= kAgreement * (high + low + 2 * direct);
+}
+
+bool InterpolationGrid::interpolate(lightmap::Lightmap& light, bool sky_too, std::uint32_t samples,
+                                    const exec::Workers& workers) const {
+  constexpr std::uint32_t kRunTexels = 4096;
+  const auto fill = [](std::uint32_t t, const Sites& sites, auto& plane) {
+    auto sum = plane[sites.texel[0]];
+    for (const std::uint32_t s : sites.all().subspan(1)) sum += plane[s];
+    plane[t] = sum * (1 / float(sites.count));
+  };
+  return workers.for_runs(texels_.size(), kRunTexels, [&](auto begin, auto end) {
+    for (std::uint32_t t = begin; t < end; ++t) {
+      if (light.is_gathered(t)) continue;
+      const Sites sites = around(t);
+      fill(t, sites, light.indirect);
+      fill(t, sites, light.indirect_spread);
+      if (!sky_too) continue;
+      fill(t, sites, light.sky);
+      fill(t, sites, light.sky_spread);
+      light.samples[t] = std::max(light.samples[t], samples);
+    }
+  });
 }
 
 }  // namespace kiln::solver::gather

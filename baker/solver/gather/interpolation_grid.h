@@ -5,6 +5,7 @@
 #include <span>
 
 #include "baker/atlas/texture_group.h"
+#include "baker/exec/workers.h"
 #include "baker/lightmap/lightmap.h"
 #include "baker/trace/texel_surface.h"
 
@@ -12,9 +13,9 @@ namespace kiln::solver::gather {
 
 /// Indirect light varies slowly over a surface: it is gathered at every second texel of a row and
 /// of a column, the sites, and interpolated between them where they agree.
-class CoarseSites {
+class InterpolationGrid {
  public:
-  explicit CoarseSites(const atlas::TextureGroup& texels) : texels_(texels) {}
+  explicit InterpolationGrid(const atlas::TextureGroup& texels) : texels_(texels) {}
 
   struct Sites {
     std::array<std::uint32_t, 4> texel{};
@@ -28,6 +29,12 @@ class CoarseSites {
   /// Whether the sky and indirect light of the sites differs so little that their mean will do:
   /// within 6 % of what there is, direct light included, none of them hidden even in part.
   bool agree(const Sites&, const lightmap::Lightmap&) const;
+
+  /// Fills the texels that do not gather with the means of their sites: indirect light, and sky
+  /// light with `sky_too`, which says the number of samples as well: `samples` at least. False when
+  /// stopped.
+  bool interpolate(lightmap::Lightmap&, bool sky_too, std::uint32_t samples,
+                   const exec::Workers&) const;
 
  private:
   const atlas::TextureGroup& texels_;

@@ -8,15 +8,14 @@ constexpr float kHiddenShare = 0.1f;
 
 }  // namespace
 
-void Feedback::find_hidden(const lightmap::Lightmap& light) {
+void OutgoingRadiosity::find_hidden(const lightmap::Lightmap& light) {
   repairs_.clear();
-  knows_hidden_ = true;
-  for (std::uint32_t t = 0; t < in_.texels.front_count; ++t) {
+  for (std::uint32_t t = 0; t < world_.texels.front_count; ++t) {
     if (light.validity[t] >= kHiddenShare) continue;
     Repair repair;
     repair.texel = t;
     for (int k = 0; k < 9; ++k) {
-      const std::int32_t n = in_.texels.neighbour(t, k % 3 - 1, k / 3 - 1);
+      const std::int32_t n = world_.texels.neighbour(t, k % 3 - 1, k / 3 - 1);
       if (n != atlas::kNoTexel && light.validity[n] >= kHiddenShare)
         repair.neighbour[repair.count++] = std::uint32_t(n);
     }
@@ -24,14 +23,14 @@ void Feedback::find_hidden(const lightmap::Lightmap& light) {
   }
 }
 
-bool Feedback::read(const lightmap::Lightmap& light, const exec::Workers& workers) {
+bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Workers& workers) {
   constexpr std::uint32_t kRunTexels = 16384;
-  radiosity_.resize(in_.texels.size());
-  const bool whole = workers.for_runs(in_.texels.size(), kRunTexels, [&](auto begin, auto end) {
+  radiosity_.resize(world_.texels.size());
+  const bool whole = workers.for_runs(world_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
       // E is the mean over the footprint; rays from outside meet its visible part only.
       const float visible = light.validity[t];
-      const math::Rgb b = in_.texels.albedo[t] * light.irradiance(t) *
+      const math::Rgb b = world_.texels.albedo[t] * light.irradiance(t) *
                               (visible >= kHiddenShare ? 1 / visible : 1.f) -
                           light.radiosity[t];
       radiosity_[t] = {b.r, b.g, b.b, 0};
@@ -47,18 +46,18 @@ bool Feedback::read(const lightmap::Lightmap& light, const exec::Workers& worker
   return true;
 }
 
-void Feedback::scale(float factor) {
+void OutgoingRadiosity::scale(float factor) {
   for (Radiosity& b : radiosity_) b.r *= factor, b.g *= factor, b.b *= factor;
 }
 
-void Feedback::restore(const lightmap::Plane<math::Rgb>& radiosity) {
+void OutgoingRadiosity::restore(const lightmap::Plane<math::Rgb>& radiosity) {
   radiosity_.resize(radiosity.size());
   for (std::size_t t = 0; t < radiosity.size(); ++t)
     radiosity_[t] = {radiosity[t].r, radiosity[t].g, radiosity[t].b, 0};
 }
 
-sampling::Estimate Feedback::look_up(const sampling::DirectionSet& set,
-                                     std::span<const std::uint32_t> hits) const {
+sampling::Estimate OutgoingRadiosity::look_up(const sampling::DirectionSet& set,
+                                              std::span<const std::uint32_t> hits) const {
   float sum[2][4] = {};
   const auto add = [&](float(&to)[4], std::uint32_t h) {
     if (h >= simd::kHitSky) return;  // or kHitNothing

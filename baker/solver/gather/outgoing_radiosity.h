@@ -8,29 +8,26 @@
 #include "baker/lightmap/lightmap.h"
 #include "baker/sampling/direction_set.h"
 #include "baker/simd/kernels.h"
-#include "baker/solver/solver.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::gather {
 
 /// The radiosity that gathering rays read at what they meet: light times albedo, mended where
 /// texels lie hidden. Light is linear: a bounce reads only what the one before it has changed.
-class Feedback {
+class OutgoingRadiosity {
  public:
-  explicit Feedback(const SolverInput& in) : in_(in) {}
+  explicit OutgoingRadiosity(const World& world) : world_(world) {}
 
   /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
   void find_hidden(const lightmap::Lightmap&);
-  bool knows_hidden() const { return knows_hidden_; }
 
-  /// Takes from the light what B has grown by since Lightmap::radiosity. [RTRad 5.4] False when
+  /// Takes from the light by how much B has grown since Lightmap::radiosity. [RTRad 5.4] False when
   /// stopped.
   bool read(const lightmap::Lightmap&, const exec::Workers&);
-  /// Times so much: for an update that stands for those after it, too.
+  /// Scales all values: the last update stands for those after it, too.
   void scale(float);
-  /// Takes over what a feedback held before.
+  /// Takes the values of a plane.
   void restore(const lightmap::Plane<math::Rgb>& radiosity);
-  /// Gives its memory back, until the next read() or restore().
-  void forget() { radiosity_ = {}; }
 
   math::Rgb radiosity(std::uint32_t texel) const {
     const Radiosity& b = radiosity_[texel];
@@ -53,10 +50,9 @@ class Feedback {
     std::array<std::uint32_t, 8> neighbour{};
   };
 
-  const SolverInput& in_;
+  const World& world_;
   std::vector<Radiosity> radiosity_;
   std::vector<Repair> repairs_;
-  bool knows_hidden_ = false;
 };
 
 }  // namespace kiln::solver::gather

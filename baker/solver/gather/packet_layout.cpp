@@ -3,30 +3,29 @@
 #include <algorithm>
 #include <bit>
 
-#include "baker/solver/solver.h"
+#include "baker/sampling/direction_set.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::gather {
 namespace {
 
-/// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
-constexpr std::uint32_t kCoherentSamples = 256;
 /// Triangles for a texel up to which rays that leave neighbouring texels alike meet the same ones,
 /// and up to which those of a narrow cone do. Measured, see docs/performance.md.
 constexpr double kTileTriangles = 0.5, kConeTriangles = 1;
 
-proto::RayPattern choose(const SolverInput& in, std::uint32_t directions) {
-  if (in.settings.ray_pattern != proto::RayPattern::kAuto) return in.settings.ray_pattern;
-  const double triangles = double(in.scene.triangles.size()) / std::max(1u, in.texels.size());
+proto::RayPattern choose(const World& world, std::uint32_t directions) {
+  if (world.settings.ray_pattern != proto::RayPattern::kAuto) return world.settings.ray_pattern;
+  const double triangles = double(world.scene.triangles.size()) / std::max(1u, world.texels.size());
   if (triangles <= kTileTriangles) return proto::RayPattern::kTile;
-  return directions >= kCoherentSamples && triangles <= kConeTriangles
+  return directions >= sampling::DirectionSet::kCoherentSamples && triangles <= kConeTriangles
              ? proto::RayPattern::kStrata
              : proto::RayPattern::kIncoherent;
 }
 
 }  // namespace
 
-PacketPlan::PacketPlan(const SolverInput& in, std::uint32_t directions)
-    : pattern_(choose(in, directions)) {
+PacketLayout::PacketLayout(const World& world, std::uint32_t directions)
+    : pattern_(choose(world, directions)) {
   if (texels() == 1) return;
   const int bits = std::bit_width(directions) - 2;
   const auto upper = [](int n) { return n > 0 ? ~0u << (32 - n) : 0; };
@@ -34,7 +33,7 @@ PacketPlan::PacketPlan(const SolverInput& in, std::uint32_t directions)
   shared_y_ = upper(bits / 2);
 }
 
-const char* PacketPlan::name() const {
+const char* PacketLayout::name() const {
   switch (pattern_) {
     case proto::RayPattern::kTile:
       return "tile";
@@ -47,7 +46,7 @@ const char* PacketPlan::name() const {
   }
 }
 
-std::uint32_t PacketPlan::texels() const {
+std::uint32_t PacketLayout::texels() const {
   switch (pattern_) {
     case proto::RayPattern::kTile:
       return 16;
@@ -58,7 +57,7 @@ std::uint32_t PacketPlan::texels() const {
   }
 }
 
-bool PacketPlan::sorts_directions() const {
+bool PacketLayout::sorts_directions() const {
   return pattern_ == proto::RayPattern::kStrata || pattern_ == proto::RayPattern::kBlock;
 }
 

@@ -5,17 +5,17 @@
 #include "proto/bake_settings.h"
 
 namespace kiln::solver {
-struct SolverInput;
+struct World;
 }
 
 namespace kiln::solver::gather {
 
 /// How the rays of a gather are put into packets of sixteen: packets are fast where their rays stay
 /// together. Any pattern gives unbiased light; which one a bake has fixes its samples.
-class PacketPlan {
+class PacketLayout {
  public:
   /// @param directions of each texel at first; what is added later keeps the plan
-  PacketPlan(const SolverInput&, std::uint32_t directions);
+  PacketLayout(const World&, std::uint32_t directions);
 
   /// As the setting solver.ray_pattern names it, never "auto".
   const char* name() const;

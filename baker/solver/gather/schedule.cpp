@@ -3,99 +3,70 @@
 #include <algorithm>
 #include <cmath>
 
-#include "baker/solver/direct/direct.h"
+#include "baker/solver/direct/direct_pass.h"
 
 namespace kiln::solver::gather {
 namespace {
 
 /// Bounces after which most scenes have converged; for the estimate of progress only.
 constexpr std::uint32_t kTypicalBounces = 10;
+/// Every fourth texel is traced first, and charts are edged by texels without four around them.
+constexpr double kTracedShare = 0.35;
 
 }  // namespace
 
-GatherSchedule::GatherSchedule(const SolverInput& in, const sampling::DirectionSet& set,
-                               const adaptive::SampleRounds& rounds)
-    : in_(in),
+GatherSchedule::GatherSchedule(const World& world, const sampling::DirectionSet& set,
+                               const adaptive::AdaptiveSampling& sampling)
+    : world_(world),
       set_(set),
-      rounds_(rounds),
-      bounces_(in.settings, set, first_bounce()),
-      needs_rays_(in.settings.bounces > 0 || in.scene.has_sky()) {}
+      sampling_(sampling),
+      bounces_(world.settings, set, first_bounce()),
+      needs_rays_(world.settings.bounces > 0 || world.scene.has_sky()) {}
 
 std::uint32_t GatherSchedule::max_passes() const {
-  return (needs_rays_ ? first_bounce() + in_.settings.bounces : 1) + rounds_.limit();
+  return (needs_rays_ ? first_bounce() + world_.settings.bounces : 1) + sampling_.limit();
 }
 
 Work GatherSchedule::total_work() const {
-  Work work = direct_work() + rounds_.expected_work() + adaptive::SampleRounds::judge_work();
+  Work work = direct::direct_work(world_);
   if (!needs_rays_) return work;
   work += trace_work();
-  if (in_.plan.coarse) work += refine_work();
-  const std::uint32_t bounces = std::min(kTypicalBounces, in_.settings.bounces);
+  if (is_coarse()) work += refine_work();
+  const std::uint32_t bounces = std::min(kTypicalBounces, world_.settings.bounces);
   for (std::uint32_t b = 0; b < bounces; ++b)
     work += look_up_work(bounces_.directions_for(std::pow(0.5, b)));
   return work;
 }
 
-std::optional<Pass> GatherSchedule::next(std::span<const proto::PassReport> done) const {
-  auto pass = plan(done);
-  if (!pass) return std::nullopt;
-  pass->index = static_cast<std::uint32_t>(done.size());
-  if (pass->completes) pass->finish_work = adaptive::SampleRounds::judge_work();
-  return pass;
-}
-
 /// The passes that bring new light come first, those that only add samples follow.
-std::optional<Pass> GatherSchedule::plan(std::span<const proto::PassReport> done) const {
-  Pass pass;
-  if (done.empty()) {
-    pass.name = kDirect;
-    pass.completes = !needs_rays_;
-    pass.work = direct_work();
-    return pass;
+std::optional<Next> GatherSchedule::next(std::span<const proto::PassReport> done) const {
+  const auto count = std::uint32_t(done.size());
+  if (count == 0) return Next{Step::kDirect, {}, !needs_rays_};
+  if (needs_rays_ && count < first_bounce()) {
+    const bool completes = bounces_.limit() == 0 && count + 1 == first_bounce();
+    return Next{count == 1 ? Step::kTrace : Step::kRefine, {}, completes};
   }
-  if (needs_rays_ && done.size() < first_bounce()) {
-    pass.name = done.size() == 1 ? kTrace : kRefine;
-    pass.fills_state = true;
-    pass.completes = bounces_.limit() == 0 && done.size() + 1 == first_bounce();
-    pass.work = done.size() == 1 ? trace_work() : refine_work();
-    return pass;
+  const auto completed = completed_after(done);
+  if (!completed) {
+    const BouncePlan::Bounce bounce = bounces_.next(done);
+    return Next{Step::kBounce, bounce, bounce.last};
   }
-  const std::string& last = done.back().name;
-  if (needs_rays_ && last != kTail && last != kRound && !bounces_.is_complete(done))
-    return plan_bounce(done);
-  if (!rounds_.wants_another(done)) return std::nullopt;
-  pass.name = kRound;
-  pass.work = rounds_.next_work();
-  pass.completes = true;
-  return pass;
+  if (!sampling_.wants_another(count - *completed, done.back())) return std::nullopt;
+  return Next{Step::kRound, {}, true};
 }
 
-/// Another bounce of what the one before has changed.
-Pass GatherSchedule::plan_bounce(std::span<const proto::PassReport> done) const {
-  const BouncePlan::Bounce bounce = bounces_.next(done);
-  Pass pass;
-  pass.name = bounce.stands_for_others ? kTail : kBounce;
-  pass.batch_texels = 1024;
-  pass.completes = bounce.last;
-  pass.tail_scale = bounce.tail_scale;
-  pass.sample_count = bounce.directions;
-  pass.work = look_up_work(pass.sample_count);
-  return pass;
+/// How many passes it took until the light had all its bounces; nothing while it has not.
+std::optional<std::uint32_t> GatherSchedule::completed_after(
+    std::span<const proto::PassReport> done) const {
+  if (!needs_rays_) return 1;
+  if (bounces_.limit() == 0) return first_bounce();
+  for (std::uint32_t n = first_bounce(); n < done.size(); ++n)
+    if (bounces_.next(done.first(n)).last) return n + 1;
+  return std::nullopt;
 }
 
-Work GatherSchedule::direct_work() const {
-  constexpr double kSent = 0.6;  // about; the others are saved where the first of them agree
-  const double ray = direct::DirectLight::are_many(in_.lights) ? work::kManyLightsRay : kSent;
-  const double area = in_.lights.area().empty() ? 0 : ray;
-  const double sky = in_.lights.has_bright_sky() ? 1 : 0;
-  const double punctual =
-      double(in_.lights.punctual().size()) * atlas::TextureGroup::kPointsPerTexel;
-  return Work::shadow_rays((area + sky) * in_.plan.shadow_rays + punctual);
-}
-
-/// Every fourth texel is a site, and charts are edged by texels without sites around them.
 Work GatherSchedule::trace_work() const {
-  return directions_work(in_.plan.coarse ? 0.35 : 1);
+  return directions_work(is_coarse() ? kTracedShare : 1);
 }
 
 Work GatherSchedule::directions_work(double share_of_texels) const {
@@ -103,7 +74,7 @@ Work GatherSchedule::directions_work(double share_of_texels) const {
 }
 
 Work GatherSchedule::look_up_work(std::uint32_t directions) const {
-  const double look_ups = directions * (in_.plan.coarse ? 0.45 : 1);
+  const double look_ups = directions * (is_coarse() ? work::kGatheredShare : 1);
   return Work::other(work::kTexel + work::kLookUp * look_ups);
 }
 

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "baker/sampling/estimate.h"
 #include "baker/sampling/shapes.h"
 #include "baker/sampling/sobol.h"
-#include "baker/solver/adaptive/adaptive_sampling.h"
 #include "baker/solver/footprint.h"
 
 namespace kiln::solver::path {
@@ -33,20 +33,20 @@ struct Vertex {
 const light::SkyShares kShares{1, 1};
 
 struct Sums {
-  sampling::Halves direct, sky, indirect;
+  sampling::HalfSums direct, sky, indirect;
 };
 
 /// Sixteen paths of one texel, followed in step.
 class PathBundle {
  public:
-  PathBundle(const SolverInput& in, std::uint32_t texel)
-      : in_(in), at_(in, texel), seed_(texel_seed(in, texel, Purpose::kPath)) {}
+  PathBundle(const World& world, std::uint32_t texel)
+      : world_(world), at_(world, texel), seed_(texel_seed(world, texel, SampleStream::kPath)) {}
 
   /// Adds the samples [first, first + count), at most 16.
   void follow(std::uint32_t first, std::uint32_t count, Sums& sums) {
     start(first, count);
     for (std::uint32_t bounce = 0; !alive_.empty(); ++bounce) {
-      sampling::Halves& from_lights = bounce == 0 ? sums.direct : sums.indirect;
+      sampling::HalfSums& from_lights = bounce == 0 ? sums.direct : sums.indirect;
       add_area_light(bounce, from_lights);
       add_punctual_light(bounce, from_lights);
       add_bright_sky(bounce, from_lights);
@@ -75,10 +75,10 @@ class PathBundle {
   }
 
   /// Traces the collected shadow rays and adds what arrives.
-  void trace_shadows(sampling::Halves& sum) {
+  void trace_shadows(sampling::HalfSums& sum) {
     if (waiting_ == 0) return;
     packet_.activate_first(waiting_);
-    const std::uint32_t blocked = in_.rays.occluded(packet_);
+    const std::uint32_t blocked = world_.rays.occluded(packet_);
     for (std::uint32_t i = 0; i < waiting_; ++i)
       if (!(blocked >> i & 1)) sum.half[second_[i]] += value_[i];
     traced_ += waiting_;
@@ -98,41 +98,41 @@ class PathBundle {
     packet_.set(waiting_++, v.origin, ray.direction, ray.far);
   }
 
-  void add_area_light(std::uint32_t bounce, sampling::Halves& sum) {
-    const auto& lights = in_.lights.area();
+  void add_area_light(std::uint32_t bounce, sampling::HalfSums& sum) {
+    const auto& lights = world_.lights.area();
     if (lights.empty()) return;
-    const auto& share = in_.lights.power_share();
+    const auto& share = world_.lights.power_share();
     for (const Vertex& v : alive_) {
       float u = random(v, bounce, kChoice).x;
       std::size_t l = 0;
       while (l + 1 < lights.size() && u >= share[l]) u -= share[l++];
       if (!(share[l] > 0)) continue;
       const light::LightSample s =
-          in_.lights.seen_from(v.position, lights[l]).sample(random(v, bounce, kAreaPoint));
+          world_.lights.sampler_from(v.position, lights[l]).sample(random(v, bounce, kAreaPoint));
       add_shadow_ray(v, s.direction, s.shadow_ray(v.origin), s.value * (1 / share[l]));
     }
     trace_shadows(sum);
   }
 
-  void add_punctual_light(std::uint32_t bounce, sampling::Halves& sum) {
-    const auto& lights = in_.lights.punctual();
+  void add_punctual_light(std::uint32_t bounce, sampling::HalfSums& sum) {
+    const auto& lights = world_.lights.punctual();
     if (lights.empty()) return;
     for (const Vertex& v : alive_) {
       const float u = random(v, bounce, kChoice).y;
       const auto l = std::min(lights.size() - 1, std::size_t(u * float(lights.size())));
-      const light::PunctualArrival a = light::arrive(lights[l], v.position);
+      const light::PunctualSample a = light::sample_punctual(lights[l], v.position);
       add_shadow_ray(v, a.direction, a.shadow_ray(v.origin), a.irradiance * float(lights.size()));
     }
     trace_shadows(sum);
   }
 
   /// The bright parts of a sky map; extend() counts what this leaves of it.
-  void add_bright_sky(std::uint32_t bounce, sampling::Halves& sum) {
-    if (!in_.lights.has_bright_sky()) return;
+  void add_bright_sky(std::uint32_t bounce, sampling::HalfSums& sum) {
+    if (!world_.lights.has_bright_sky()) return;
     const std::uint32_t seed = sampling::hash(seed_, kSkyDraws, bounce);
     for (const Vertex& v : alive_) {
       const light::SkyLight::Sample s =
-          in_.lights.sky()->sample(sampling::sample_pair(v.sample, seed));
+          world_.lights.sky()->sample(sampling::sample_pair(v.sample, seed));
       const float cosine = dot(v.shading_normal, s.direction);
       if (cosine <= 0) continue;
       add_shadow_ray(v, s.direction, light::ShadowRay::endless(s.direction),
@@ -143,14 +143,14 @@ class PathBundle {
 
   /// What a ray that left the vertex meets of the sky.
   math::Rgb sky_seen(const Vertex& v, math::Vec3 direction) const {
-    if (!in_.lights.sky()) return in_.scene.sky;
-    const light::SkyLight::Seen seen = in_.lights.sky()->seen(direction);
+    if (!world_.lights.sky()) return world_.scene.sky;
+    const light::SkyLight::Seen seen = world_.lights.sky()->seen(direction);
     const float cosine = std::max(0.f, dot(v.shading_normal, direction));
     return seen.radiance * kShares.of_cosine(seen.density, cosine);
   }
 
   /// Sends each path on by a cosine-distributed direction; those that end are dropped.
-  void extend(std::uint32_t bounce, sampling::Halves& sky) {
+  void extend(std::uint32_t bounce, sampling::HalfSums& sky) {
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < alive_.size(); ++i) {
       Vertex v = alive_[i];
@@ -164,7 +164,7 @@ class PathBundle {
     alive_.resize(kept);
     if (kept == 0) return;
     trace::HitPacket met;
-    in_.rays.closest(packet_, met);
+    world_.rays.closest(packet_, met);
     traced_ += kept;
     std::vector<Vertex>& paths = alive_;
     std::uint32_t going = 0;
@@ -173,10 +173,10 @@ class PathBundle {
       if (met.triangle[i] == trace::kNoHit) {
         const math::Vec3 d{packet_.dir_x[i], packet_.dir_y[i], packet_.dir_z[i]};
         sky.half[v.in_second_half()] += v.throughput * sky_seen(v, d) * math::kPi;
-      } else if (bounce < in_.settings.bounces && reflect(v, met, i)) {
+      } else if (bounce < world_.settings.bounces && reflect(v, met, i)) {
         paths[going++] = v;
       } else if (bounce == 0 && met.back[i]) {
-        behind_ += !in_.scene.material_of(met.triangle[i]).double_sided;
+        behind_ += !world_.scene.material_of(met.triangle[i]).double_sided;
       }
     }
     paths.resize(going);
@@ -185,23 +185,23 @@ class PathBundle {
   /// Moves the vertex to what its ray met. False when the light ends there.
   bool reflect(Vertex& v, const trace::HitPacket& met, std::uint32_t i) {
     const std::uint32_t triangle = met.triangle[i];
-    if (met.back[i] && !in_.scene.material_of(triangle).double_sided) return false;
+    if (met.back[i] && !world_.scene.material_of(triangle).double_sided) return false;
     const scene::Bary bary{met.u[i], met.v[i]};
-    const math::Rgb a = albedo_at(in_.scene, triangle, bary);
+    const math::Rgb a = albedo_at(world_.scene, triangle, bary);
     v.throughput =
         v.throughput * math::Rgb{std::min(a.r, scene::kMaxAlbedo), std::min(a.g, scene::kMaxAlbedo),
                                  std::min(a.b, scene::kMaxAlbedo)};
     if (is_black(v.throughput)) return false;
     const float side = met.back[i] ? -1.f : 1.f;
-    v.geometric_normal = side * geometric_normal(in_.scene, triangle);
-    v.shading_normal = side * shading_normal(in_.scene, triangle, bary);
-    v.position = position_at(in_.scene, triangle, bary);
-    v.origin = in_.rays.offset_origin(v.position, v.geometric_normal,
-                                      position_at(in_.scene, triangle, scene::kCentroid));
+    v.geometric_normal = side * geometric_normal(world_.scene, triangle);
+    v.shading_normal = side * shading_normal(world_.scene, triangle, bary);
+    v.position = position_at(world_.scene, triangle, bary);
+    v.origin = world_.rays.offset_origin(v.position, v.geometric_normal,
+                                         position_at(world_.scene, triangle, scene::kCentroid));
     return true;
   }
 
-  const SolverInput& in_;
+  const World& world_;
   const Footprint at_;
   const std::uint32_t seed_;
   std::vector<Vertex> alive_;
@@ -212,88 +212,85 @@ class PathBundle {
   std::uint64_t traced_ = 0, behind_ = 0;
 };
 
-class PathSolver final : public Solver {
+/// A block of samples of every texel; the light afterwards is the mean over all samples so far.
+class PathPass final : public Pass {
  public:
-  explicit PathSolver(const SolverInput& in) : in_(in), rounds_(in_, in_.plan.directions) {}
-
-  std::uint32_t max_passes() const override {
-    return (in_.plan.directions + kBlockSamples - 1) / kBlockSamples;
+  PathPass(const World& world, PassPlan plan, std::uint32_t first, std::uint32_t count)
+      : Pass(std::move(plan)), world_(world), first_(first), count_(count) {
+    using enum lightmap::PlaneId;
+    plan_.writes = lightmap::plane_set({kDirect, kSky, kIndirect, kDirectSpread, kSkySpread,
+                                        kIndirectSpread, kValidity, kSamples});
+    plan_.reads = plan_.writes;
   }
 
-  Work total_work() const override { return work_of(in_.plan.directions); }
-
-  std::optional<Pass> next(std::span<const proto::PassReport> done) const override {
-    if (done.size() >= max_passes()) return std::nullopt;
-    Pass pass;
-    pass.name = "paths";
-    pass.index = static_cast<std::uint32_t>(done.size());
-    pass.first_sample = pass.index * kBlockSamples;
-    pass.sample_count = std::min(kBlockSamples, in_.plan.directions - pass.first_sample);
-    pass.work = work_of(pass.sample_count);
-    pass.completes = pass.index + 1 == max_passes();
-    return pass;
-  }
-
-  bool begin(const Pass&, const lightmap::Lightmap&, lightmap::Lightmap& after,
-             const exec::Workers&) override {
-    for (auto* plane : {&after.direct, &after.sky, &after.indirect}) plane->renew();
-    for (auto* plane :
-         {&after.direct_spread, &after.sky_spread, &after.indirect_spread, &after.validity})
-      plane->renew();
-    after.samples.renew();
-    return true;
-  }
-
-  std::uint64_t run(const Pass& pass, const lightmap::Lightmap& before, atlas::TexelRange range,
-                    lightmap::Lightmap& after) override {
+  std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap& before,
+                    const lightmap::LightmapView& after) const override {
     std::uint64_t rays = 0;
-    const float old_share = float(pass.first_sample) / float(pass.first_sample + pass.sample_count);
-    const float scale = 1 / float(pass.first_sample + pass.sample_count);
+    const float old_share = float(first_) / float(first_ + count_);
+    const float scale = 1 / float(first_ + count_);
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
-      PathBundle bundle(in_, t);
+      PathBundle bundle(world_, t);
       Sums sums;
-      bundle.follow(pass.first_sample, pass.sample_count, sums);
-      const auto join = [&](const sampling::Halves& more,
-                            lightmap::Plane<math::Rgb> lightmap::Lightmap::*mean,
-                            lightmap::Plane<float> lightmap::Lightmap::*spread) {
+      bundle.follow(first_, count_, sums);
+      const auto join = [&](const sampling::HalfSums& more, const lightmap::Plane<math::Rgb>& mean,
+                            const lightmap::Plane<float>& spread, math::Rgb& new_mean,
+                            float& new_spread) {
         const sampling::Estimate e = more.estimate();
-        (after.*mean)[t] = (before.*mean)[t] * old_share + e.mean * scale;
-        (after.*spread)[t] = (before.*spread)[t] * old_share + e.spread * scale;
+        new_mean = mean[t] * old_share + e.mean * scale;
+        new_spread = spread[t] * old_share + e.spread * scale;
       };
-      join(sums.direct, &lightmap::Lightmap::direct, &lightmap::Lightmap::direct_spread);
-      join(sums.sky, &lightmap::Lightmap::sky, &lightmap::Lightmap::sky_spread);
-      join(sums.indirect, &lightmap::Lightmap::indirect, &lightmap::Lightmap::indirect_spread);
-      after.samples[t] = pass.first_sample + pass.sample_count;
-      const float open = float(pass.sample_count - bundle.behind());
+      join(sums.direct, before.direct, before.direct_spread, after.direct[t],
+           after.direct_spread[t]);
+      join(sums.sky, before.sky, before.sky_spread, after.sky[t], after.sky_spread[t]);
+      join(sums.indirect, before.indirect, before.indirect_spread, after.indirect[t],
+           after.indirect_spread[t]);
+      after.samples[t] = first_ + count_;
+      const float open = float(count_ - bundle.behind());
       after.validity[t] = before.validity[t] * old_share + open * scale;
       rays += bundle.traced();
     }
     return rays;
   }
 
-  bool finish(const Pass& pass, lightmap::Lightmap& after, const exec::Workers& workers,
-              proto::PassReport& report) override {
-    return !pass.completes || rounds_.judge(after, workers, report);
+ private:
+  const World& world_;
+  const std::uint32_t first_, count_;  ///< samples
+};
+
+class PathSolver final : public Solver {
+ public:
+  explicit PathSolver(const World& world) : world_(world) {}
+
+  std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
+    if (done.size() >= passes()) return nullptr;
+    PassPlan plan;
+    plan.name = "paths";
+    plan.index = static_cast<std::uint32_t>(done.size());
+    plan.completes = plan.index + 1 == passes();
+    const std::uint32_t first = plan.index * kBlockSamples;
+    const std::uint32_t count = std::min(kBlockSamples, world_.plan.directions - first);
+    plan.work = work_of(count);
+    return std::make_unique<PathPass>(world_, std::move(plan), first, count);
   }
-  std::optional<denoise::FilteredLight> filtered(const lightmap::Lightmap& light,
-                                                 const exec::Workers& workers) override {
-    return rounds_.filtered(light, workers);
-  }
+  Forecast forecast() const override { return {passes(), work_of(world_.plan.directions)}; }
+  const SamplePlan& samples() const override { return world_.plan; }
 
  private:
+  std::uint32_t passes() const {
+    return (world_.plan.directions + kBlockSamples - 1) / kBlockSamples;
+  }
   /// In shadow rays: a path has a few segments, each with as many of them.
   Work work_of(std::uint32_t paths) const {
-    return Work::directions(paths * 2 * std::min(4.0, 1 + double(in_.settings.bounces)));
+    return Work::directions(paths * 2 * std::min(4.0, 1 + double(world_.settings.bounces)));
   }
 
-  const SolverInput in_;
-  adaptive::SampleRounds rounds_;  ///< for their judgement only: a path bake makes none
+  const World world_;
 };
 
 }  // namespace
 
-std::unique_ptr<Solver> make_path_solver(const SolverInput& in) {
-  return std::make_unique<PathSolver>(in);
+std::unique_ptr<Solver> make_path_solver(const World& world) {
+  return std::make_unique<PathSolver>(world);
 }
 
 }  // namespace kiln::solver::path

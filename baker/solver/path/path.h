@@ -12,6 +12,6 @@ namespace kiln::solver::path {
 /// scene brings sky. Emitters are never counted by hits. Paths end after `bounces` diffuse
 /// reflections. Passes are blocks of samples; the light after a pass is the mean over the samples
 /// so far.
-std::unique_ptr<Solver> make_path_solver(const SolverInput&);
+std::unique_ptr<Solver> make_path_solver(const World&);
 
 }  // namespace kiln::solver::path

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+
+#include "baker/checkpoint/writer.h"
+#include "baker/solver/solver.h"
+#include "proto/manifest.h"
+
+namespace kiln::checkpoint {
+
+/// The checkpoints of one bake: those that it finds, and those that it leaves.
+class Checkpoints {
+ public:
+  struct Listener {
+    std::function<void(const proto::PassReport&)> on_durable;  ///< see CheckpointWriter
+    /// `checkpoint_ignored` from find(), `checkpoint_failed` from the writer's thread.
+    std::function<void(const proto::Warning&)> on_warning;
+  };
+  /// @param options an empty folder: there are no checkpoints
+  Checkpoints(CheckpointWriter::Options options, Listener listener);
+
+  /// Where the solver can go on: at its first pass, where nothing usable is found. Files that are
+  /// damaged, of another bake or of an old form are removed, with a warning. Call it once, first.
+  solver::SolveStart find(const solver::Solver&, std::uint32_t texels);
+  CheckpointWriter& writer() { return *writer_; }
+
+ private:
+  solver::SolveStart read(const solver::Solver&, std::uint32_t texels);
+
+  const CheckpointWriter::Options options_;
+  const Listener listener_;
+  std::optional<CheckpointWriter> writer_;
+};
+
+}  // namespace kiln::checkpoint

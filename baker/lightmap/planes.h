@@ -1,0 +1,53 @@
+#pragma once
+
+#include <bitset>
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+
+namespace kiln::lightmap {
+
+/// Names a plane of a Lightmap. The order is that in which files and patches hold them.
+enum class PlaneId : std::uint8_t {
+  kDirect,
+  kSky,
+  kIndirect,
+  kValidity,
+  kDirectSpread,
+  kSkySpread,
+  kIndirectSpread,
+  kDirectSamples,
+  kSamples,
+  kDoublings,
+  // From here on a light has only those that its method asks for.
+  kRadiosity,
+  kGathers,
+  kHits,
+  kCount
+};
+
+/// A set of planes, by their ids.
+using PlaneSet = std::bitset<64>;
+
+inline PlaneSet plane_set(std::initializer_list<PlaneId> ids) {
+  PlaneSet set;
+  for (const PlaneId id : ids) set.set(std::size_t(id));
+  return set;
+}
+inline bool contains(const PlaneSet& set, PlaneId id) {
+  return set.test(std::size_t(id));
+}
+
+/// A plane that a method needs beside those of every light.
+struct PlaneSpec {
+  PlaneId id;
+  std::uint32_t words = 1;  ///< values per texel; more than one in kHits only
+};
+
+/// Planes whose values passes share without a copy, see HitPlane: a pass that writes one waits
+/// until nobody reads the light before it, and a checkpoint stores them in a file of their own.
+inline PlaneSet shared_planes() {
+  return plane_set({PlaneId::kHits});
+}
+
+}  // namespace kiln::lightmap

@@ -1,0 +1,99 @@
+#include "baker/solve_session.h"
+
+#include <span>
+#include <utility>
+
+namespace kiln::baker {
+namespace {
+
+/// Expected effort of passes that are done.
+solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassReport> passes) {
+  solver::Work work;
+  for (std::size_t i = 0; i < passes.size(); ++i) {
+    const auto pass = solver.next(passes.first(i));
+    work += pass->plan().work + pass->plan().finish_work;
+  }
+  return work;
+}
+
+}  // namespace
+
+SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
+                           std::shared_ptr<const atlas::TextureGroup> texels,
+                           const solver::SolveStart& start, checkpoint::CheckpointWriter& writer,
+                           BakeObserver& observer, progress::ProgressReporter& reporter)
+    : input_(input),
+      texels_(std::move(texels)),
+      writer_(writer),
+      observer_(observer),
+      reporter_(reporter),
+      passes_(start.passes),
+      eta_(work_of(solver, start.passes)) {
+  for (const auto& p : passes_)
+    if (p.residual > 0) residual_ = p.residual;
+  if (passes_.empty()) return;
+  observer_.on_resume(std::uint32_t(passes_.size()));
+  observer_.on_snapshot(
+      {texels_, std::make_shared<lightmap::Lightmap>(start.light->shown()), passes_.back().index});
+}
+
+SolveHooks SolveSession::hooks() {
+  SolveHooks hooks;
+  hooks.finish_early = input_.finish_early;
+  hooks.part_time = input_.part_time;
+  hooks.queue = input_.queue;
+  hooks.on_batch = [this](const SolveProgress& progress) { on_batch(progress); };
+  hooks.on_pass = [this](const solver::PassPlan& plan, const proto::PassReport& report,
+                         std::shared_ptr<const lightmap::Lightmap> light) -> proto::Expected<void> {
+    on_pass(plan, report, std::move(light));
+    return {};
+  };
+  hooks.begin_pass = [this](const solver::PassPlan& plan) { writer_.begin_pass(plan); };
+  hooks.on_part = [this](const solver::PassPlan& plan,
+                         std::shared_ptr<const lightmap::Lightmap> after,
+                         const solver::PassProgress& progress) {
+    writer_.submit_part(plan, std::move(after), progress);
+  };
+  hooks.end_parts = [this] { writer_.end_parts(); };
+  hooks.restore = [this](const solver::Pass& pass, const lightmap::Lightmap& before,
+                         lightmap::Lightmap& after) { return restore(pass, before, after); };
+  return hooks;
+}
+
+void SolveSession::on_batch(const SolveProgress& at) {
+  const solver::PassPlan& plan = at.pass.plan();
+  const double share = at.pass.work_share(double(at.done) / at.total);
+  const auto ahead = eta_.ahead(plan, share, at.work + solver::Work::other(solver::work::kOutput));
+  proto::JobProgress p;
+  p.pass = plan.index;
+  p.max_passes = at.max_passes;
+  p.batches_done = at.done;
+  p.batches_total = at.total;
+  p.residual = residual_;
+  p.fraction = kSolvingFrom + (kSolvedAt - kSolvingFrom) * ahead.share_done;
+  p.eta_seconds = ahead.seconds_left;
+  reporter_.batch(std::move(p));
+}
+
+void SolveSession::on_pass(const solver::PassPlan& plan, const proto::PassReport& report,
+                           std::shared_ptr<const lightmap::Lightmap> light) {
+  eta_.end_pass(plan);
+  if (report.residual > 0) residual_ = report.residual;  // tracing alone changes no light
+  passes_.push_back(report);
+  observer_.on_snapshot(
+      {texels_, std::make_shared<lightmap::Lightmap>(light->shown()), report.index});
+  writer_.submit(plan, passes_, std::move(light));
+}
+
+solver::PassProgress SolveSession::restore(const solver::Pass& pass,
+                                           const lightmap::Lightmap& before,
+                                           lightmap::Lightmap& after) {
+  const solver::PassProgress done = writer_.restore(pass.plan(), before, after);
+  if (done.texels == 0) return done;
+  const double share = double(done.texels) / texels_->size();
+  eta_.resume_within(pass.work_share(share));
+  observer_.on_resume_within(pass.plan().name, share);
+  return done;
+}
+
+}  // namespace kiln::baker

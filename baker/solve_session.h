@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "baker/bake.h"
+#include "baker/checkpoint/writer.h"
+#include "baker/progress/eta.h"
+#include "baker/progress/reporter.h"
+#include "baker/solve.h"
+#include "baker/solver/solver.h"
+
+namespace kiln::baker {
+
+/// Shares of a bake's time, for the progress bar: what comes before and after the solver.
+inline constexpr double kImportedAt = 0.05, kSolvingFrom = 0.15, kSolvedAt = 0.92;
+
+/// Connects a solve with the observer of its bake, its progress and its checkpoints.
+class SolveSession {
+ public:
+  /// Reports to the observer what `start` already holds. All arguments outlive the session.
+  SolveSession(const BakeInput&, const solver::Solver&, std::shared_ptr<const atlas::TextureGroup>,
+               const solver::SolveStart& start, checkpoint::CheckpointWriter&, BakeObserver&,
+               progress::ProgressReporter&);
+
+  /// For solve(). They refer to the session.
+  SolveHooks hooks();
+
+ private:
+  void on_batch(const SolveProgress&);
+  void on_pass(const solver::PassPlan&, const proto::PassReport&,
+               std::shared_ptr<const lightmap::Lightmap>);
+  solver::PassProgress restore(const solver::Pass&, const lightmap::Lightmap& before,
+                               lightmap::Lightmap& after);
+
+  const BakeInput& input_;
+  const std::shared_ptr<const atlas::TextureGroup> texels_;
+  checkpoint::CheckpointWriter& writer_;
+  BakeObserver& observer_;
+  progress::ProgressReporter& reporter_;
+  std::vector<proto::PassReport> passes_;
+  double residual_ = 1;
+  progress::EtaEstimator eta_;
+};
+
+}  // namespace kiln::baker

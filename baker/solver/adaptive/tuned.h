@@ -1,0 +1,42 @@
+#pragma once
+
+/// The numbers of adaptive sampling that were tuned rather than derived, with what they were read
+/// from. They decide how soon a target is reached and how well the time left is told; the light
+/// that a sample brings does not depend on them.
+namespace kiln::solver::adaptive::tuned {
+
+// docs/how-it-works.md, "Error": what the measure percentile_95 counts.
+/// Light is judged against itself plus this share of the scene's mean.
+inline constexpr float kDarkShare = 0.02f;
+
+// docs/performance.md, table of slopes (scripts/bench, methods without a filter): 0.65 is the lower
+// end over its scenes.
+/// Power of the number of samples with which the error falls, by which rounds are chosen.
+inline constexpr double kSlope = 0.65;
+/// What that comes to with all rounds together, by which the time that is left is told.
+inline constexpr double kExpectedSlope = 0.47;
+
+// Chosen on the scenes of scripts/bench so that few rounds follow and few samples are wasted.
+/// A part of the light takes more samples where it has this share of the variance or more.
+inline constexpr float kMinVarianceShare = 0.25f;
+/// Doublings of one round.
+inline constexpr double kMostDoublings = 3;
+/// By the measure rms a round aims this far below the target, or another would follow for a trifle.
+inline constexpr double kTargetMargin = 0.97;
+
+// Means over the scenes of scripts/bench, for the first forecast only.
+/// Share of the variance of direct light that the filter leaves, by few lights and by many.
+inline constexpr double kLeftOfDirect = 0.25, kLeftOfManyLights = 0.1;
+/// Share of the variance of gathered light that the filter leaves.
+inline constexpr double kLeftOfGathered = 0.12;
+/// How far the error that counts in a tile is above its mean.
+inline constexpr double kAboveMean = 1.4;
+/// All indirect light over the direct, and over the first bounce.
+inline constexpr double kIndirect = 0.8, kAllBounces = 1.7;
+/// Error of a gather by 64 directions relative to what they bring, and the power with which it
+/// falls.
+inline constexpr double kGatherError = 0.1, kGatherErrorDirections = 64, kGatherErrorSlope = 0.7;
+/// Share of the texels that may be above the target by the measure percentile_95.
+inline constexpr double kMayBeAbove = 0.05;
+
+}  // namespace kiln::solver::adaptive::tuned

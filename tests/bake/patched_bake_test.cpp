@@ -1,0 +1,87 @@
+// A bake whose batches are computed apart, as bytes, in any order, gives the same bits.
+#include <gtest/gtest.h>
+
+#include "baker/methods.h"
+#include "tests/bake/recorder.h"
+#include "tests/support/patch_queue.h"
+#include "tests/support/sky_files.h"
+
+namespace kiln::baker {
+namespace {
+
+struct Case {
+  const char* scene;
+  std::uint32_t page_size;
+  bool coarse;
+  proto::ErrorMeasure measure;
+  bool sky;
+};
+
+class PatchedBake : public testing::TestWithParam<Case> {
+ protected:
+  TempFolder folder_;
+  exec::ThreadPool pool_{2};
+
+  BakeInput input(const Method& method) const {
+    const Case& c = GetParam();
+    BakeInput in = input_for(folder_, c.scene, c.page_size);
+    in.checkpoint_dir.clear();
+    in.settings.solver.method = method.id;
+    in.settings.solver.coarse_indirect = c.coarse;
+    if (!method.adaptive) in.settings.solver.samples = 32;
+    in.settings.quality.target_error = 0.02f;
+    in.settings.quality.measure = c.measure;
+    in.settings.output.precision = proto::Precision::kFloat;
+    in.settings.output.formats = {"exr"};
+    in.settings.output.layers = {"irradiance", "direct",         "indirect",
+                                 "raw",        "standard_error", "samples"};
+    if (!c.sky) return in;
+    in.settings.sky.map = "noon.hdr";
+    in.settings.sky.scale = 2000;
+    const test::SkyPicture noon(64, [](math::Vec3 d) -> math::Rgb {
+      return d.y > 0.98f ? math::Rgb{900, 800, 700} : math::Rgb{0.3f, 0.5f, 1};
+    });
+    in.files.side["noon.hdr"] = folder_.write("noon.hdr", test::hdr_file(noon));
+    return in;
+  }
+  proto::Manifest baked(const BakeInput& in) {
+    BakeObserver quiet;
+    auto manifest = bake(in, pool_, {}, quiet);
+    if (!manifest) throw std::runtime_error(manifest.error().message);
+    return std::move(*manifest);
+  }
+  static std::string exr(const BakeInput& in) {
+    return test::read_bytes(in.output_dir / "page_00.exr");
+  }
+};
+
+TEST_P(PatchedBake, GivesTheSameBits) {
+  for (const Method& method : methods()) {
+    BakeInput in = input(method);
+    const proto::Manifest usual = baked(in);
+    const std::string expected = exr(in);
+    if (method.adaptive) {
+      EXPECT_EQ(usual.statistics.passes.back().name, "round") << "the target is within reach";
+    }
+    for (const std::uint32_t seed : {1u, 2u, 3u}) {
+      test::PatchQueue queue(pool_, seed);
+      in.queue = &queue;
+      const proto::Manifest patched = baked(in);
+      EXPECT_TRUE(exr(in) == expected) << method.name() << ", order " << seed;
+      EXPECT_EQ(patched.statistics.rays, usual.statistics.rays);
+      EXPECT_GT(queue.patches, usual.statistics.passes.size()) << "several batches a pass";
+      EXPECT_GT(queue.bytes, queue.patches * 56);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Scenes, PatchedBake,
+    testing::Values(Case{"cornell", 64, true, proto::ErrorMeasure::kPercentile95, false},
+                    Case{"cornell_layers", 48, false, proto::ErrorMeasure::kRms, false},
+                    Case{"many_lights", 48, true, proto::ErrorMeasure::kRms, false},
+                    Case{"courtyard", 48, true, proto::ErrorMeasure::kPercentile95, true}),
+    [](const auto& c) { return c.param.scene; });
+
+}  // namespace
+}  // namespace kiln::baker
