@@ -39,7 +39,7 @@ constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(SizeRecord),
                                                             sizeof(PageRecord),
                                                             1};
 
-/// Both ends are of one build, and nobody keeps the file.
+/// Its version is fixed: both ends are of one build, and nobody keeps the file.
 files::FlatHeader header() {
   return {files::FlatKind::kLitRequest, 1, std::string(64, '-')};
 }
@@ -73,7 +73,7 @@ bool read_placements(atlas::Atlas& atlas, const files::FlatFile& file) {
   return true;
 }
 
-/// Whether every index is in range, and all arrays are as long as the scene has it.
+/// Says whether every index is in range and all arrays are as long as the scene has it.
 bool fits(const atlas::Atlas& atlas, const scene::Scene& scene) {
   if (atlas.triangles.size() != scene.triangles.size() ||
       atlas.triangle_chart.size() != scene.triangles.size() ||
