@@ -31,7 +31,7 @@ TEST(SideFiles, OnlyWhatTheSceneNamesInItsFolder) {
   const auto found = find_side_files(scene);
   std::vector<std::string> names;
   for (const auto& [name, path] : found) names.push_back(name);
-  EXPECT_EQ(names, (std::vector<std::string>{"./room.bin", "room.bin", "tex/wood grain.png"}));
+  EXPECT_EQ(names, (std::vector<std::string>{"room.bin", "tex/wood grain.png"}));
 }
 
 TEST(SideFiles, ScenesThatCannotBeReadNameNothing) {

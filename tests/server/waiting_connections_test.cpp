@@ -1,6 +1,7 @@
 #include "server/http/waiting_connections.h"
 
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 
@@ -147,6 +148,8 @@ TEST_F(ParkedConnection, IsClosedWithTheOthersAndItsWakerMayOutliveThem) {
   Waker::wake(left.waker);
   for (const Client* c : {&left, &after}) {
     char byte = 0;
+    pollfd closed{c->far.get(), POLLIN, 0};  // the loop's thread closes it, in its own time
+    EXPECT_EQ(::poll(&closed, 1, 10'000), 1);
     EXPECT_EQ(::recv(c->far.get(), &byte, 1, 0), 0);
   }
   EXPECT_TRUE(ends_.empty());
