@@ -135,16 +135,19 @@ Expected<StartedPid> start(const ImportProcessOptions& options, ImportWork work,
   return StartedPid{pid, false};
 }
 
+}  // namespace
+
+/// The ways in which a wait for a process ends.
 enum class End { kByItself, kAnswered, kStopped, kLate, kTalkedTooMuch };
 
 /// A running process: waited for by this thread, killed at the latest when this goes.
-class Process {
+class ImportProcess {
  public:
-  Process(pid_t pid, Fd answer, Fd said)
+  ImportProcess(pid_t pid, Fd answer, Fd said)
       : pid_(pid), answer_fd_(std::move(answer)), said_fd_(std::move(said)) {}
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-  ~Process() {
+  ImportProcess(const ImportProcess&) = delete;
+  ImportProcess& operator=(const ImportProcess&) = delete;
+  ~ImportProcess() {
     if (pid_ > 0) kill_now();
   }
 
@@ -236,6 +239,8 @@ class Process {
   int status_ = 0;
 };
 
+namespace {
+
 std::string text_of(std::uint64_t number) {
   return std::to_string(number);
 }
@@ -272,7 +277,7 @@ Expected<Confinement> outcome_of(const ImportProcessOptions& options, const std:
 }
 
 /// The process's end as the job's outcome.
-Expected<Confinement> outcome_of(const ImportProcessOptions& options, const Process& process,
+Expected<Confinement> outcome_of(const ImportProcessOptions& options, const ImportProcess& process,
                                  End end) {
   if (end == End::kStopped) return proto::fail(proto::kCanceledCode, "canceled");
   if (end == End::kLate) return too_late(options);
@@ -290,7 +295,7 @@ Expected<Confinement> outcome_of(const ImportProcessOptions& options, const Proc
 }
 
 struct Started {
-  std::unique_ptr<Process> process;
+  std::unique_ptr<ImportProcess> process;
   bool decodes_images = false;
 };
 
@@ -311,7 +316,7 @@ proto::Expected<Started> launch(const ImportProcessOptions& options, const Impor
   const auto started = start(options, job.work, std::move(given), stop);
   if (!started) return Unexpected(started.error());
   auto process =
-      std::make_unique<Process>(started->pid, std::move(answer->read), std::move(said->read));
+      std::make_unique<ImportProcess>(started->pid, std::move(answer->read), std::move(said->read));
   if (options.started) options.started(started->pid);
   return Started{std::move(process), started->decodes_images};
 }
@@ -322,7 +327,7 @@ std::optional<Clock::time_point> deadline_of(const ImportProcessOptions& options
 }
 
 /// Waits for the process's end. Reports a failure that is not the scene's.
-Expected<Confinement> finish(const ImportProcessOptions& options, Process& process, End end) {
+Expected<Confinement> finish(const ImportProcessOptions& options, ImportProcess& process, End end) {
   auto outcome = outcome_of(options, process, end);
   const bool by_itself =
       end == End::kByItself && WIFEXITED(process.status()) && WEXITSTATUS(process.status()) == 0;
@@ -338,12 +343,12 @@ proto::Expected<Confinement> run_import_process(const ImportProcessOptions& opti
                                                 const ImportJob& job, std::stop_token stop) {
   const auto started = launch(options, job, -1, stop);
   if (!started) return Unexpected(started.error());
-  Process& process = *started->process;
+  ImportProcess& process = *started->process;
   return finish(options, process, process.wait(deadline_of(options), stop));
 }
 
 struct CheckedProcess::Parts {
-  std::unique_ptr<Process> process;
+  std::unique_ptr<ImportProcess> process;
   Fd orders;
   std::uint64_t memory_bytes = 0;
 };
@@ -361,7 +366,7 @@ proto::Expected<std::unique_ptr<CheckedProcess>> run_check_process(
   auto started = launch(options, job, theirs.get(), stop);
   theirs.reset();
   if (!started) return Unexpected(started.error());
-  Process& process = *started->process;
+  ImportProcess& process = *started->process;
   const auto deadline = deadline_of(options);
   End end = process.wait(deadline, stop, true);
   if (end == End::kAnswered && !outcome_of(options, process.answer()))
@@ -382,7 +387,7 @@ proto::Expected<std::unique_ptr<CheckedProcess>> run_check_process(
 
 std::optional<proto::Expected<Confinement>> CheckedProcess::import(
     const ImportProcessOptions& options, const std::string& key, std::stop_token stop) {
-  Process& process = *parts_->process;
+  ImportProcess& process = *parts_->process;
   const std::uint64_t more =
       options.memory_bytes - std::min(options.memory_bytes, parts_->memory_bytes);
   const std::string order = key + "\n";
