@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
 
@@ -66,7 +66,8 @@ float load_float(const unsigned char* p, Component c, bool normalized) {
   return 0;
 }
 
-/// Bytes of one element; columns of matrices start at multiples of four bytes [glTF 2.0, 3.6.2.4].
+/// Returns the bytes of one element; columns of matrices start at multiples of four bytes
+/// [glTF 2.0, 3.6.2.4].
 std::size_t element_size(const tinygltf::Accessor& a) {
   const std::size_t component = component_bytes(static_cast<Component>(a.componentType));
   const auto matrix = [&](std::size_t n) { return n * ((n * component + 3) / 4 * 4); };
@@ -99,7 +100,7 @@ std::size_t component_count(const tinygltf::Accessor& a) {
   }
 }
 
-/// Whether `count` elements from `offset` on, `stride` apart, end within `length` bytes.
+/// Says whether `count` elements from `offset` on, `stride` apart, end within `length` bytes.
 bool fits(std::uint64_t offset, std::uint64_t stride, std::uint64_t count, std::uint64_t size,
           std::uint64_t length) {
   if (offset > length || size > length - offset) return false;

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/schema.h"
 

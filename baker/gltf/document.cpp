@@ -6,8 +6,8 @@
 #include "baker/gltf/accessors.h"
 #include "baker/gltf/container.h"
 #include "baker/gltf/draco.h"
-#include "baker/gltf/errors.h"
 #include "baker/gltf/extensions.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/meshopt.h"
 #include "baker/gltf/model.h"
 #include "baker/gltf/tinygltf.h"
@@ -43,7 +43,7 @@ proto::Expected<void> check_version(const Json& asset) {
   return {};
 }
 
-/// Bytes of one buffer; nothing for one that neither has a URI nor is the .glb's own.
+/// Returns the bytes of one buffer; nothing for one that neither has a URI nor is the .glb's own.
 Expected<std::optional<std::string_view>> buffer_bytes(Document& document, const Json& buffer,
                                                        std::size_t index,
                                                        const Container& container) {
@@ -119,7 +119,7 @@ Expected<void> unpack_views(Document& document, const Json& views,
   return {};
 }
 
-/// Bytes of a view of a document that was not read into the library yet.
+/// Returns the bytes of a view of a document that was not read into the library yet.
 std::optional<std::string_view> view_bytes(const Document& document, const Json& view,
                                            std::size_t index) {
   const auto& unpacked = document.unpacked_views;
@@ -186,7 +186,7 @@ void read_images(Document& document, const Json& images) {
   }
 }
 
-/// The library refuses such primitives without saying where they are.
+/// Refuses indices without data, which the library refuses without saying where they are.
 Expected<void> check_index_accessors(const Json& document, const std::stop_token& stop) {
   if (!document.contains("meshes") || !document.contains("accessors")) return {};
   const Json& accessors = document.at("accessors");
@@ -205,7 +205,7 @@ Expected<void> check_index_accessors(const Json& document, const std::stop_token
   return {};
 }
 
-/// The JSON text to `model`, with all that the library must not see beside it.
+/// Reads the JSON text into `model`, and beside it all that the library must not see.
 Expected<void> read_document(Document& document, const Container& container,
                              const files::ImportLimits& limits, Keep keep,
                              const std::stop_token& stop) {

@@ -13,8 +13,8 @@
 
 #include "baker/files/mapped_file.h"
 #include "baker/files/upload.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
-#include "baker/gltf/warnings.h"
 #include "proto/expected.h"
 
 namespace tinygltf {

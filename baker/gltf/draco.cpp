@@ -8,8 +8,8 @@
 #include <optional>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/component.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/accessors.h"
+#include "baker/gltf/findings.h"
 
 namespace kiln::gltf {
 namespace {
@@ -241,7 +241,7 @@ class DracoUnpacker {
   proto::Expected<void> take_budget(const DracoRequest& request) {
     std::uint64_t bytes = 4;
     for (const DracoAttribute& a : request.attributes) bytes += draco_stride(a);
-    // In floating point, since a count may be any number.
+    // Floating point is needed, since a count may be any number.
     const double wanted = double(bytes) * double(request.vertices) + 4.0 * double(request.indices);
     if (wanted > double(left_))
       return over_limit("too much data once it is decompressed", max_, "upload_bytes", at_);

@@ -19,7 +19,7 @@ struct DracoAttribute {
   std::uint32_t component_type = 5126, components = 3;
 };
 
-/// What the document says of a mesh of KHR_draco_mesh_compression.
+/// A mesh of KHR_draco_mesh_compression as the document describes it.
 struct DracoRequest {
   std::uint64_t vertices = 0, indices = 0;
   std::uint32_t index_type = 5125;  ///< glTF component type; 0: the indices are not wanted

@@ -10,7 +10,7 @@
 namespace kiln::gltf {
 namespace {
 
-/// What import makes of an extension that it knows.
+/// An extension that the import knows, and its treatment.
 struct Known {
   std::string_view name;
   bool may_be_required;  ///< a bake is right, or right but for a warning, where it is required

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/schema.h"
 #include "proto/json.h"
 
@@ -176,7 +176,7 @@ class Reader {
   }
 
  private:
-  /// What the schema lists of a value.
+  /// The part of a value that the schema lists.
   enum class Listed {
     kNothing,   ///< it is kept whole
     kMembers,   ///< of an object: those in `fields`
@@ -211,14 +211,14 @@ class Reader {
     return true;
   }
 
-  /// The next value's place; nullptr when it is not kept.
+  /// Returns the next value's place; nullptr when it is not kept.
   Json* place() {
     if (frames_.empty()) return out_.document.get();
     Frame& in = frames_.back();
     return in.value->is_array() ? &in.value->emplace_back() : in.member;
   }
 
-  /// Whether the library's text has the value that comes next.
+  /// Says whether the library's text has the value that comes next.
   bool is_for_library() const {
     if (frames_.empty()) return true;
     const Frame& in = frames_.back();

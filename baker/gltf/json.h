@@ -33,7 +33,7 @@ std::optional<std::uint64_t> count_at(const Json& object, const char* key, std::
 /// Returns a member of the document; an empty array when it is absent.
 const Json& collection(const Json& document, const char* name);
 
-/// How much of a document the reader keeps.
+/// The extent to which the reader keeps a document.
 enum class Keep {
   kWhatABakeReads,  ///< the members that schema.h lists: extras and the like are passed over
   kEverything,

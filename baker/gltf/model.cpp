@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/tinygltf.h"
 
 namespace kiln::gltf {

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
 
@@ -63,7 +63,7 @@ proto::Expected<Transform> local_transform(const tinygltf::Node& node, const std
   return out;
 }
 
-/// Each node's parent, kNone for roots.
+/// Returns each node's parent, kNone for roots.
 Expected<std::vector<std::uint32_t>> find_parents(const tinygltf::Model& model,
                                                   exec::StopPoll& stopped) {
   std::vector<std::uint32_t> parent(model.nodes.size(), kNone);
@@ -82,7 +82,7 @@ Expected<std::vector<std::uint32_t>> find_parents(const tinygltf::Model& model,
   return parent;
 }
 
-/// With one parent each, nodes that no root leads to lie on or under a cycle.
+/// Refuses cycles: with one parent each, nodes that no root leads to lie on or under one.
 Expected<void> check_no_cycle(const tinygltf::Model& model,
                               const std::vector<std::uint32_t>& parent, exec::StopPoll& stopped) {
   std::vector<std::uint32_t> open;

@@ -16,9 +16,9 @@ struct PlacedNode {
   Transform to_world;
 };
 
-/// The nodes of the document's scene (`scene`, else the first; a file without scenes: all roots,
-/// with a warning), parents before children, in document order. Errors: `invalid_scene`: cycles,
-/// nodes with two parents, a scene that lists a child, transforms that aren't affine;
+/// Returns the nodes of the document's scene (`scene`, else the first; a file without scenes: all
+/// roots, with a warning), parents before children, in document order. Errors: `invalid_scene`:
+/// cycles, nodes with two parents, a scene that lists a child, transforms that aren't affine;
 /// `limit_exceeded`: too deep; `canceled`.
 proto::Expected<std::vector<PlacedNode>> place_nodes(gltf::Document&, const files::ImportLimits&,
                                                      const std::stop_token&);

@@ -2,7 +2,7 @@
 
 #include <set>
 
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/uri.h"
 #include "baker/image/image.h"

@@ -14,7 +14,7 @@ namespace kiln::import {
 proto::Expected<void> load_images(gltf::Document&, scene::Scene&, const files::ImportLimits&,
                                   const std::stop_token&);
 
-/// Everything of load_images short of decoding: that sources exist.
+/// Checks everything that load_images() does short of decoding: the sources exist.
 proto::Expected<void> find_images(gltf::Document&, const std::vector<scene::Material>&);
 
 }  // namespace kiln::import

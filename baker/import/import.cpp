@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
 #include "baker/import/graph.h"
@@ -49,7 +49,7 @@ class MaterialTable {
   std::vector<MaterialSource> sources_;
 };
 
-/// What import and check share: the walk over all primitives of all placed nodes.
+/// The state that import and check share: both walk over all primitives of all placed nodes.
 struct Import {
   Import(gltf::Document& d, const files::ImportLimits& limits, std::stop_token s)
       : document(d),
@@ -80,7 +80,7 @@ struct Import {
   }
 };
 
-/// Name of an instance, from its node or else its mesh.
+/// Returns the name of an instance, from its node or else its mesh.
 std::string instance_name(const tinygltf::Model& model, std::uint32_t node, std::uint32_t mesh) {
   return model.nodes[node].name.empty() ? model.meshes[mesh].name : model.nodes[node].name;
 }
@@ -103,7 +103,7 @@ std::optional<gltf::AccessorView> uv_set(const PrimitiveSource& source, std::uin
   return found == source.uv_sets.end() ? std::nullopt : std::optional(found->second);
 }
 
-/// Texture coordinates of one texture for each vertex of a part.
+/// Appends the texture coordinates of one texture for each vertex of a part.
 void append_uv(std::vector<math::Vec2>& to, Import& import, const PrimitiveSource& source,
                const std::vector<std::uint32_t>& vertices, const UvSource& uv, bool is_used) {
   const auto view = is_used ? uv_set(source, uv.set) : std::nullopt;
@@ -117,7 +117,7 @@ void append_uv(std::vector<math::Vec2>& to, Import& import, const PrimitiveSourc
   });
 }
 
-/// When stopped, the part may lack some of its vertices.
+/// Appends a part to the scene. When stopped, the part may lack some of its vertices.
 void append_part(scene::Scene& scene, Import& import, const PrimitiveSource& source,
                  WorldPrimitive world, std::uint32_t primitive, std::uint32_t material) {
   scene::Part part;
@@ -156,7 +156,7 @@ void append_part(scene::Scene& scene, Import& import, const PrimitiveSource& sou
   scene.parts.push_back(part);
 }
 
-/// All parts of one node's mesh; no instance when nothing is left of it.
+/// Appends all parts of one node's mesh; no instance when nothing is left of it.
 Expected<void> append_instance(scene::Scene& scene, Import& import, const PlacedNode& placed,
                                std::uint32_t mesh) {
   const auto& model = *import.document.model;
@@ -192,7 +192,7 @@ void warn_of_node(gltf::Document& document, const tinygltf::Node& node, std::uin
   }
 }
 
-/// One primitive's part of check_scene. `settled` holds the primitives that are known to leave
+/// Does one primitive's part of a check. `settled` holds the primitives that are known to leave
 /// triangles: their further instances need no look, only their share of the budget.
 Expected<void> check_primitive(Import& import, const PlacedNode& placed, std::uint32_t mesh,
                                std::uint32_t primitive,
@@ -221,7 +221,7 @@ Unexpected nothing_to_bake() {
                      "");
 }
 
-/// Whether any triangle is left.
+/// Says whether any triangle is left.
 Expected<bool> check_geometry(Import& import, const std::vector<PlacedNode>& placed) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::pair<std::uint64_t, std::uint64_t>>
       settled;
@@ -251,30 +251,39 @@ proto::Expected<void> append_geometry(scene::Scene& scene, Import& import,
   return {};
 }
 
-struct Opened {
+}  // namespace
+
+struct OpenedScene::Parts {
+  Parts(gltf::Document d, std::vector<PlacedNode> p, const files::ImportLimits& l)
+      : document(std::move(d)), placed(std::move(p)), limits(l) {}
+
   gltf::Document document;
   std::vector<PlacedNode> placed;
+  files::ImportLimits limits;
 };
 
-proto::Expected<Opened> open_scene(const files::SceneFiles& files,
-                                   const files::ImportLimits& limits, const std::stop_token& stop) {
+OpenedScene::OpenedScene(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+OpenedScene::OpenedScene(OpenedScene&&) noexcept = default;
+OpenedScene::~OpenedScene() = default;
+
+proto::Expected<OpenedScene> OpenedScene::open(const files::SceneFiles& files,
+                                               const files::ImportLimits& limits,
+                                               const std::stop_token& stop) {
   auto document = gltf::open_document(files, limits, stop);
   if (!document) return Unexpected(document.error());
   auto placed = place_nodes(*document, limits, stop);
   if (!placed) return Unexpected(placed.error());
-  return Opened{std::move(*document), std::move(*placed)};
+  return OpenedScene(std::make_unique<Parts>(std::move(*document), std::move(*placed), limits));
 }
 
-}  // namespace
-
-proto::Expected<void> check_scene(const files::SceneFiles& files,
-                                  const proto::BakeSettings& settings,
-                                  const files::ImportLimits& limits, std::stop_token stop) {
-  auto opened = open_scene(files, limits, stop);
-  if (!opened) return Unexpected(opened.error());
-  auto& [document, placed] = *opened;
+proto::Expected<void> OpenedScene::check(const proto::BakeSettings& settings,
+                                         const std::stop_token& stop) {
+  auto& [document, placed, limits] = *parts_;
+  const gltf::WarningList before = document.warnings;
   Import import(document, limits, stop);
   const auto has_triangles = check_geometry(import, placed);
+  // The import that follows gives these warnings itself.
+  document.warnings = before;
   if (!has_triangles) return Unexpected(has_triangles.error());
   if (!*has_triangles) return nothing_to_bake();
   scene::Scene lights;
@@ -288,12 +297,9 @@ proto::Expected<void> check_scene(const files::SceneFiles& files,
   return find_images(document, import.materials.materials());
 }
 
-proto::Expected<scene::Scene> import_files(const files::SceneFiles& files,
-                                           const files::ImportLimits& limits,
-                                           std::stop_token stop) {
-  auto opened = open_scene(files, limits, stop);
-  if (!opened) return Unexpected(opened.error());
-  auto& [document, placed] = *opened;
+proto::Expected<scene::Scene> OpenedScene::import(const std::optional<std::string>& sky_map,
+                                                  const std::stop_token& stop) {
+  auto& [document, placed, limits] = *parts_;
   Import import(document, limits, stop);
   scene::Scene scene;
   if (auto done = append_geometry(scene, import, placed); !done) return Unexpected(done.error());
@@ -303,14 +309,30 @@ proto::Expected<scene::Scene> import_files(const files::SceneFiles& files,
   scene.materials = import.materials.materials();
   if (auto done = load_images(document, scene, limits, stop); !done)
     return Unexpected(done.error());
-  if (files.sky_map)
-    if (auto done = load_sky_map(document, scene, *files.sky_map, limits, stop); !done)
+  if (sky_map)
+    if (auto done = load_sky_map(document, scene, *sky_map, limits, stop); !done)
       return Unexpected(done.error());
   if (document.has_animations) {
     document.warnings.add("animation_ignored", "/animations", "the scene is baked at rest");
   }
   scene.warnings = document.warnings.take();
   return scene;
+}
+
+proto::Expected<void> check_scene(const files::SceneFiles& files,
+                                  const proto::BakeSettings& settings,
+                                  const files::ImportLimits& limits, std::stop_token stop) {
+  auto opened = OpenedScene::open(files, limits, stop);
+  if (!opened) return Unexpected(opened.error());
+  return opened->check(settings, stop);
+}
+
+proto::Expected<scene::Scene> import_files(const files::SceneFiles& files,
+                                           const files::ImportLimits& limits,
+                                           std::stop_token stop) {
+  auto opened = OpenedScene::open(files, limits, stop);
+  if (!opened) return Unexpected(opened.error());
+  return opened->import(files.sky_map, stop);
 }
 
 proto::Expected<void> apply_settings(scene::Scene& scene, const proto::BakeSettings& settings,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -10,6 +11,30 @@
 #include "proto/expected.h"
 
 namespace kiln::import {
+
+/// A scene whose document was read: container, JSON, accessors' ranges and the graph of its nodes
+/// were checked. It can be checked and then imported without a second look at the document's text.
+/// For one thread at a time.
+class OpenedScene {
+ public:
+  /// Errors: `invalid_scene` (pointer into the glTF), `unsupported_extension`, `missing_file`,
+  /// `limit_exceeded`, `canceled`.
+  static proto::Expected<OpenedScene> open(const files::SceneFiles&, const files::ImportLimits&,
+                                           const std::stop_token&);
+  OpenedScene(OpenedScene&&) noexcept;
+  ~OpenedScene();
+
+  /// See check_scene().
+  proto::Expected<void> check(const proto::BakeSettings&, const std::stop_token&);
+  /// See import_files(); `sky_map` names the side file that is the sky map. Called once.
+  proto::Expected<scene::Scene> import(const std::optional<std::string>& sky_map,
+                                       const std::stop_token&);
+
+ private:
+  struct Parts;
+  explicit OpenedScene(std::unique_ptr<Parts>);
+  std::unique_ptr<Parts> parts_;
+};
 
 /// Reads and checks everything short of decoding images: container, JSON, graph, accessors, and
 /// that something can be baked. The sky map is the one that the settings name. Fast enough for a
@@ -31,12 +56,12 @@ proto::Expected<scene::Scene> import_files(const files::SceneFiles&,
 proto::Expected<void> apply_settings(scene::Scene&, const proto::BakeSettings&,
                                      std::stop_token = {});
 
-/// Both of them: the scene that is baked.
+/// Does both and returns the scene that is baked.
 proto::Expected<scene::Scene> import_scene(const files::SceneFiles&, const proto::BakeSettings&,
                                            const files::ImportLimits& = {}, std::stop_token = {});
 
-/// Names what an import gives: importer, limits, the content of all files, and which of them is the
-/// sky map. 64 hexadecimal digits.
+/// Returns a name for the outcome of an import, 64 hexadecimal digits, from the importer, its
+/// limits, the content of all files, and which of them is the sky map.
 std::string import_key(const std::string& scene_key, const files::ImportLimits&,
                        const std::optional<std::string>& sky_map = {});
 

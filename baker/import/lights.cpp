@@ -4,7 +4,7 @@
 #include <string>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
 
@@ -24,7 +24,7 @@ math::Rgb color_of(const tinygltf::Light& light) {
          scale;
 }
 
-/// The extension's light in its node's space: at the origin, towards -Z.
+/// Reads the extension's light in its node's space: at the origin, towards -Z.
 Expected<scene::PunctualLight> read_light(const tinygltf::Light& light, const std::string& at) {
   scene::PunctualLight out;
   out.intensity = color_of(light);
@@ -48,7 +48,7 @@ Expected<scene::PunctualLight> read_light(const tinygltf::Light& light, const st
   return out;
 }
 
-/// Index of a node's light, -1 for none.
+/// Returns the index of a node's light, -1 for none.
 int light_of(const tinygltf::Node& node) {
   const auto extension = node.extensions.find("KHR_lights_punctual");
   if (extension == node.extensions.end() || !extension->second.Has("light")) return -1;
@@ -105,7 +105,7 @@ scene::PunctualLight make_punctual(const proto::LightSettings& light, math::Vec3
 /// Brightest pixel that a sky may have, cd/m2: far above the sun's, and its square is a number.
 constexpr float kMaxSkyRadiance = 1e15f;
 
-/// Negative when stopped.
+/// Returns the brightest channel of the map; a negative number when stopped.
 float brightest_of(const scene::SkyMap& map, const std::stop_token& stop) {
   float brightest = 0;
   for (std::size_t row = 0; row < map.texels.size(); row += map.width) {

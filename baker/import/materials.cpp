@@ -10,7 +10,7 @@
 namespace kiln::import {
 namespace {
 
-/// Member of an object; an empty value when there is none.
+/// Returns a member of an object; an empty value when there is none.
 const tinygltf::Value& member(const tinygltf::Value& object, const char* key) {
   static const tinygltf::Value none;
   return object.IsObject() && object.Has(key) ? object.Get(key) : none;
@@ -18,7 +18,7 @@ const tinygltf::Value& member(const tinygltf::Value& object, const char* key) {
 float number_or(const tinygltf::Value& value, double fallback) {
   return static_cast<float>(value.IsNumber() ? value.GetNumberAsDouble() : fallback);
 }
-/// Element i of an array of numbers.
+/// Returns element i of an array of numbers.
 float element_or(const tinygltf::Value& array, int i, double fallback) {
   return array.IsArray() ? number_or(array.Get(i), fallback) : static_cast<float>(fallback);
 }
@@ -29,10 +29,10 @@ scene::Wrap wrap_of(int mode) {
                                                        : scene::Wrap::kRepeat;
 }
 
-/// Image of a texture, -1 when it has none that can be read.
+/// Returns the image of a texture, -1 when it has none that can be read.
 std::int32_t image_of(gltf::Document& document, const tinygltf::Texture& texture,
                       const std::string& at) {
-  // Where there are two, `source` is for those that can't read the other.
+  // `source` is for readers that can't read the other image.
   if (const auto webp = texture.extensions.find("EXT_texture_webp");
       webp != texture.extensions.end()) {
     const tinygltf::Value& source = member(webp->second, "source");
@@ -82,7 +82,7 @@ UvSource read_uv(const tinygltf::TextureInfo& info) {
                  transform == info.extensions.end() ? tinygltf::Value() : transform->second);
 }
 
-/// Base colour of KHR_materials_pbrSpecularGlossiness, which replaces the core's where present.
+/// Reads the base color of KHR_materials_pbrSpecularGlossiness, which replaces the core's.
 void read_specular_glossiness(gltf::Document& document, const tinygltf::Value& extension,
                               MaterialSource& out) {
   const auto& factor = member(extension, "diffuseFactor");
@@ -110,14 +110,14 @@ void read_alpha(gltf::Document& document, const tinygltf::Material& source, Mate
   out.material.alpha_cutoff = static_cast<float>(source.alphaCutoff);
 }
 
-/// Reflecting more than all light, or less than none, is no factor of an albedo.
+/// Clamps the base color to 0..1: a factor of an albedo reflects no more than all light.
 void clamp_base_color(gltf::Document& document, MaterialSource& out) {
   const math::Rgb c = out.material.base_color;
   out.material.base_color = {std::clamp(c.r, 0.f, 1.f), std::clamp(c.g, 0.f, 1.f),
                              std::clamp(c.b, 0.f, 1.f)};
   if (out.material.base_color == c) return;
   document.warnings.add("base_color_clamped", out.pointer,
-                        "base colour factor outside 0 to 1, clamped");
+                        "base color factor outside 0 to 1, clamped");
 }
 
 }  // namespace

@@ -8,7 +8,7 @@
 
 namespace kiln::import {
 
-/// Which texture coordinates a texture is read with [KHR_texture_transform].
+/// The texture coordinates that a texture is read with [KHR_texture_transform].
 struct UvSource {
   std::uint32_t set = 0;  ///< TEXCOORD_n
   math::Vec2 offset, scale{1, 1};
@@ -26,7 +26,8 @@ struct MaterialSource {
   std::string pointer;
 };
 
-/// The document's material `index`, -1 for the default one. Adds warnings for what is left out.
+/// Reads the document's material `index`, -1 for the default one. Adds warnings for what is left
+/// out.
 MaterialSource read_material(gltf::Document&, std::int32_t index);
 
 }  // namespace kiln::import

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
 
@@ -77,7 +77,7 @@ class AttributeReader {
   std::optional<std::uint64_t> count_;
 };
 
-/// The n of all TEXCOORD_n, ascending.
+/// Returns the n of all TEXCOORD_n, ascending.
 std::set<std::uint32_t> texcoord_sets(const tinygltf::Primitive& primitive) {
   constexpr std::string_view kPrefix = "TEXCOORD_";
   std::set<std::uint32_t> out;
@@ -91,8 +91,9 @@ std::set<std::uint32_t> texcoord_sets(const tinygltf::Primitive& primitive) {
   return out;
 }
 
-/// Sets must be numbered from 0 without gaps [glTF 2.0, 3.7.2.1]; exporters that drop a first set
-/// that nothing reads leave the lightmap's behind as TEXCOORD_1, and it is clear what is meant.
+/// Warns where sets of texture coordinates have gaps. They must be numbered from 0 without gaps
+/// [glTF 2.0, 3.7.2.1]; exporters that drop a first set that nothing reads leave the lightmap's
+/// behind as TEXCOORD_1, and it is clear what is meant.
 void warn_of_gap(const PrimitiveSource& source, gltf::Document& document) {
   std::uint32_t next = 0;
   for (const auto& [set, view] : source.uv_sets) {
@@ -133,7 +134,7 @@ std::uint64_t triangle_count(int mode, std::uint64_t corners) {
   return corners < 3 ? 0 : corners - 2;
 }
 
-/// Places in the list of corners of triangle i [glTF 2.0, 3.7.2.1].
+/// Returns the places of triangle i in the list of corners [glTF 2.0, 3.7.2.1].
 std::array<std::uint64_t, 3> triangle_corners(int mode, std::uint64_t i) {
   if (mode == TINYGLTF_MODE_TRIANGLES) return {3 * i, 3 * i + 1, 3 * i + 2};
   if (mode == TINYGLTF_MODE_TRIANGLE_FAN) return {i + 1, i + 2, 0};
@@ -167,7 +168,7 @@ proto::Expected<void> check_indices(const gltf::AccessorView& indices, std::uint
   return {};
 }
 
-/// Mode, indices and counts.
+/// Opens mode, indices and counts.
 Expected<void> open_triangles(PrimitiveSource& out, gltf::Document& document,
                               gltf::Accessors& accessors, const tinygltf::Primitive& primitive,
                               GeometryBudget& budget, const std::stop_token& stop) {
@@ -194,7 +195,7 @@ Expected<void> open_triangles(PrimitiveSource& out, gltf::Document& document,
   return {};
 }
 
-/// Why a primitive has no triangles to bake; "" when it may have some.
+/// Says why a primitive has no triangles to bake; "" when it may have some.
 std::string no_triangles(const tinygltf::Primitive& primitive) {
   if (primitive.mode < TINYGLTF_MODE_TRIANGLES) return "points and lines are not baked";
   if (!primitive.attributes.contains("POSITION"))

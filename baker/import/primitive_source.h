@@ -11,7 +11,7 @@
 
 namespace kiln::import {
 
-/// What all parts of a scene together have taken of the import's limits.
+/// The import's limits on geometry, less what all parts of a scene so far have taken.
 class GeometryBudget {
  public:
   explicit GeometryBudget(const files::ImportLimits& limits)
@@ -37,13 +37,13 @@ struct PrimitiveSource {
   std::uint64_t triangle_count = 0;
   std::uint64_t vertex_bound = 0;  ///< at most as many vertices come of placing it
 
-  /// Vertices of triangle i < triangle_count.
+  /// Returns the vertices of triangle i < triangle_count.
   std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
 };
 
-/// Opens a primitive and checks its contents. Nothing when it holds no triangle: points, lines, no
-/// positions (with a warning). Takes no memory; what placing it takes is first asked of `budget`.
-/// Errors: `invalid_scene`, `unsupported_extension`, `limit_exceeded`, `canceled`.
+/// Opens a primitive and checks its contents. Returns nothing when it holds no triangle: points,
+/// lines, no positions (with a warning). Takes no memory; what placing it takes is first asked of
+/// `budget`. Errors: `invalid_scene`, `unsupported_extension`, `limit_exceeded`, `canceled`.
 proto::Expected<std::optional<PrimitiveSource>> open_primitive(gltf::Document&, gltf::Accessors&,
                                                                std::uint32_t mesh,
                                                                std::uint32_t primitive,

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/image/image.h"
 

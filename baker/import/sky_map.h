@@ -12,7 +12,7 @@ namespace kiln::import {
 /// The setting sky.map: `name` is that of a side file, OpenEXR or Radiance by its first bytes.
 /// Errors have the place /sky/map of the settings.
 
-/// Everything short of decoding: that the file is there, and what its header says.
+/// Checks everything short of decoding: that the file is there, and what its header says.
 /// Errors: `missing_file`, `invalid_image`, `limit_exceeded`.
 proto::Expected<void> check_sky_map(gltf::Document&, const std::string& name,
                                     const files::ImportLimits&);

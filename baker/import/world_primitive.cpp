@@ -4,7 +4,7 @@
 #include <functional>
 
 #include "baker/exec/stop.h"
-#include "baker/gltf/errors.h"
+#include "baker/gltf/findings.h"
 #include "baker/scene/scene.h"
 
 namespace kiln::import {
@@ -41,7 +41,7 @@ void compact_by_table(Assembly& p, std::uint32_t low, std::uint32_t high, exec::
   }
 }
 
-/// The same by sorting: for corners that lie far apart.
+/// Does the same by sorting, for corners that lie far apart.
 void compact_by_sort(Assembly& p, exec::StopPoll& stopped, const std::stop_token& stop) {
   p.used.reserve(3 * p.triangles.size());
   for (const Triangle& t : p.triangles) p.used.insert(p.used.end(), t.begin(), t.end());

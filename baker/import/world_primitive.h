@@ -24,7 +24,7 @@ struct WorldPrimitive {
 proto::Expected<WorldPrimitive> place_primitive(const PrimitiveSource&, const Transform& to_world,
                                                 const std::stop_token&);
 
-/// Whether place_primitive would leave any triangle; the same errors, but without taking memory.
+/// Says whether place_primitive() would leave any triangle. Same errors, but it takes no memory.
 proto::Expected<bool> has_triangles(const PrimitiveSource&, const Transform& to_world,
                                     const std::stop_token&);
 

@@ -103,6 +103,12 @@ proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
       bytes_ == 0 ? for_import() : std::clamp(bytes, imports_.least_bytes, for_import());
   const std::uint64_t beyond = bytes_ == 0 ? 0 : beyond_least(given);
   std::unique_lock lock(mutex_);
+  while (crowded_ && running_ >= imports_.processes) {
+    lock.unlock();
+    const bool gave_up_one = crowded_();
+    lock.lock();
+    if (!gave_up_one) break;
+  }
   if (patience && impatient_ >= imports_.impatient &&
       (running_ >= imports_.processes || (beyond > 0 && !line_.empty()) ||
        beyond > free_without_waiting()))

@@ -87,6 +87,11 @@ class MemoryBudget {
   /// process has ended, the longest watch first. Ends with what it returns.
   std::shared_ptr<const void> watch(std::function<void()> wake);
 
+  /// Called, with no lock held, when a process has to wait because all places are taken: it gives
+  /// up a place that is held for later, and returns false when there is none. Set once, before
+  /// there are any.
+  void on_crowded(std::function<bool()> hook) { crowded_ = std::move(hook); }
+
   /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
   /// there are any.
   void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
@@ -101,6 +106,7 @@ class MemoryBudget {
   Imports imports_;
   std::uint64_t set_aside_ = 0;
   std::function<void()> hook_;
+  std::function<bool()> crowded_;
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -27,6 +28,7 @@ using proto::Expected;
 using proto::Unexpected;
 
 constexpr std::size_t kMaxRequest = std::size_t{64} << 20;
+constexpr std::size_t kMaxOrder = 100;  ///< a key has 64 letters
 
 [[noreturn]] void end(int code) {
   std::_Exit(code);  // nothing here is worth the time of a destructor
@@ -56,7 +58,7 @@ ImportRequest read_request() {
 
 /// Nothing stays open but what the request names.
 void close_others(const ImportRequest& request) {
-  int last = std::max({STDERR_FILENO, request.product, request.scene, request.lit});
+  int last = std::max({STDERR_FILENO, request.product, request.scene, request.lit, request.orders});
   for (const ImportFile& file : request.files) last = std::max(last, file.fd);
   ::close_range(static_cast<unsigned>(last) + 1, ~0u, 0);
   ::close(STDIN_FILENO);
@@ -101,10 +103,40 @@ proto::Expected<LitInput> map_lit(const ImportRequest& request) {
   return LitInput{std::move(*scene), std::move(*lit)};
 }
 
-proto::Expected<void> check(const ImportRequest& request, const files::SceneFiles& files) {
+void send(const ImportAnswer& answer) {
+  if (!proto::write_all(STDOUT_FILENO, answer_text(answer), "answer")) end(1);
+}
+
+/// Waits for the order to import and returns the key that it brings. Ends this process when nobody
+/// can give the order any more.
+std::string wait_for_order(int orders) {
+  std::string order;
+  while (!order.ends_with('\n')) {
+    char c = 0;
+    const ssize_t n = ::read(orders, &c, 1);
+    if (n < 0 && errno == EINTR) continue;
+    if (n != 1 || order.size() > kMaxOrder) end(0);
+    order += c;
+  }
+  order.pop_back();
+  return order;
+}
+
+/// Checks the scene and, when there may be an order to import it, answers, waits for that and does
+/// it with what was read for the check.
+proto::Expected<void> check(const ImportRequest& request, const files::SceneFiles& files,
+                            const ImportAnswer& so_far) {
   const auto settings = proto::parse_settings(request.settings);
   if (!settings) return Unexpected(settings.error());
-  return import::check_scene(files, *settings, request.limits);
+  auto opened = import::OpenedScene::open(files, request.limits, {});
+  if (!opened) return Unexpected(opened.error());
+  if (auto checked = opened->check(*settings, {}); !checked) return checked;
+  if (request.orders < 0) return {};
+  send(so_far);
+  const std::string key = wait_for_order(request.orders);
+  const auto scene = opened->import(files.sky_map, {});
+  if (!scene) return Unexpected(scene.error());
+  return scene::write_scene_file(request.product, key, *scene);
 }
 
 proto::Expected<void> import(const ImportRequest& request, const files::SceneFiles& files) {
@@ -135,12 +167,13 @@ proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
   // The products: a scene file holds what was in memory, and a .glb ends at 4 GiB.
   const std::uint64_t product =
       request.work == ImportWork::kLit ? gltf::kMaxGlbBytes : request.memory_bytes;
-  answer.confinement = confine(request.memory_bytes, request.seconds, product);
+  answer.confinement =
+      confine({request.memory_bytes, request.seconds, product, request.most_memory_bytes});
   switch (request.work) {
     case ImportWork::kProbe:
       return {};
     case ImportWork::kCheck:
-      return check(request, *files);
+      return check(request, *files, answer);
     case ImportWork::kImport:
       return import(request, *files);
     case ImportWork::kLit:
@@ -189,7 +222,7 @@ void run_import_stage(int parent) {
   ImportAnswer answer;
   auto done = guarded_work(request, answer);
   if (!done) answer.error = std::move(done.error());
-  if (!proto::write_all(STDOUT_FILENO, answer_text(answer), "answer")) end(1);
+  send(answer);
   end(0);
 }
 

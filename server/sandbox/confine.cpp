@@ -8,6 +8,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -32,8 +33,9 @@ constexpr std::uint64_t kNewDescriptors = 0;
 /// Room for the program, its libraries and its stack, which count as address space too.
 constexpr std::uint64_t kProgramBytes = 512ull << 20;
 
-bool limit(int resource, std::uint64_t value) {
-  const rlimit both{value, value};
+/// @param most to which another process may raise the limit
+bool limit(int resource, std::uint64_t value, std::uint64_t most = 0) {
+  const rlimit both{value, std::max(value, most)};
   return ::setrlimit(static_cast<__rlimit_resource>(resource), &both) == 0;
 }
 
@@ -51,10 +53,12 @@ InUse bytes_in_use() {
   return {all * page, data * page};
 }
 
-bool limit_memory(std::uint64_t bytes) {
+bool limit_memory(std::uint64_t bytes, std::uint64_t most) {
   if (bytes == 0 || kSanitized) return false;
   const InUse now = bytes_in_use();
-  return limit(RLIMIT_DATA, now.data + bytes) && limit(RLIMIT_AS, now.all + bytes + kProgramBytes);
+  const std::uint64_t all = now.all + kProgramBytes;
+  return limit(RLIMIT_DATA, now.data + bytes, now.data + most) &&
+         limit(RLIMIT_AS, all + bytes, all + most);
 }
 
 /// Where memory runs short the kernel is to end this process, not the service.
@@ -135,6 +139,18 @@ std::string filter_calls(For whom) {
 
 }  // namespace
 
+bool raise_bounds(pid_t pid, std::uint64_t more_bytes) {
+  for (const auto resource : {RLIMIT_DATA, RLIMIT_AS, RLIMIT_FSIZE, RLIMIT_CPU}) {
+    rlimit now{};
+    if (::prlimit(pid, resource, nullptr, &now) != 0) return false;
+    if (now.rlim_cur == RLIM_INFINITY) continue;
+    const rlim_t more = resource == RLIMIT_CPU ? now.rlim_cur : more_bytes;
+    now.rlim_cur += std::min(more, now.rlim_max - now.rlim_cur);
+    if (::prlimit(pid, resource, &now, nullptr) != 0) return false;
+  }
+  return true;
+}
+
 void confine_zygote() {
   limit(RLIMIT_CORE, 0);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
@@ -142,14 +158,15 @@ void confine_zygote() {
   (void)filter_calls(For::kZygote);
 }
 
-Confinement confine(std::uint64_t memory_bytes, std::uint32_t seconds, std::uint64_t file_bytes) {
+Confinement confine(const ImportBounds& bounds) {
   Confinement done;
   go_first();
-  done.memory = limit_memory(memory_bytes);
+  done.memory = limit_memory(bounds.memory_bytes, bounds.most_bytes);
   limit(RLIMIT_CORE, 0);
-  if (file_bytes > 0) limit(RLIMIT_FSIZE, file_bytes);
+  if (bounds.file_bytes > 0) limit(RLIMIT_FSIZE, bounds.file_bytes, bounds.most_bytes);
   limit(RLIMIT_NPROC, 0);
-  if (seconds > 0) limit(RLIMIT_CPU, seconds);
+  const std::uint64_t seconds = bounds.seconds;
+  if (seconds > 0) limit(RLIMIT_CPU, seconds, bounds.most_bytes > 0 ? 2 * seconds : seconds);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   limit(RLIMIT_NOFILE, kNewDescriptors);
   done.no_seccomp = filter_calls(For::kImport);

@@ -92,22 +92,26 @@ std::optional<std::chrono::milliseconds> left(std::optional<std::chrono::millise
   return *patience - std::min(*patience, gone);
 }
 
-/// In its turn, with more memory each time that what it was given was not enough. `owner`: see
-/// MemoryBudget::enter().
-Expected<Confinement> run_in_turn(const Importer::Options& options, const ImportJob& job,
-                                  const std::string& owner, const std::stop_token& stop,
-                                  std::optional<std::chrono::milliseconds> patience = {}) {
-  if (!options.memory) return run_import_process(options.process, job, stop);
+using Place = std::optional<base::MemoryBudget::Place>;
+using Run = std::function<Expected<Confinement>(const ImportProcessOptions&, Place)>;
+
+/// Runs a process in its turn, with more memory each time that what it was given was not enough.
+/// `owner`: see MemoryBudget::enter().
+Expected<Confinement> in_turn(const Importer::Options& options, const ImportJob& job,
+                              const std::string& owner, const std::stop_token& stop,
+                              std::optional<std::chrono::milliseconds> patience, const Run& run) {
+  if (!options.memory) return run(options.process, {});
   base::MemoryBudget& memory = *options.memory;
   std::chrono::steady_clock::duration waited{0};
   for (std::uint64_t bytes = expected_bytes(memory, job, owner);; bytes *= 2) {
     const auto began = std::chrono::steady_clock::now();
-    const auto place = memory.enter(bytes, stop, left(patience, waited), owner);
+    auto place = memory.enter(bytes, stop, left(patience, waited), owner);
     waited += std::chrono::steady_clock::now() - began;
     if (!place) return Unexpected(place.error());
     ImportProcessOptions process = options.process;
     bytes = process.memory_bytes = place->bytes();
-    auto done = run_import_process(process, job, stop);
+    process.most_memory_bytes = memory.for_import();
+    auto done = run(process, std::move(*place));
     const bool more_helps =
         !done && done.error().code == "import_out_of_memory" && bytes < memory.for_import();
     if (!more_helps) return done;
@@ -117,18 +121,39 @@ Expected<Confinement> run_in_turn(const Importer::Options& options, const Import
   }
 }
 
+Expected<Confinement> run_in_turn(const Importer::Options& options, const ImportJob& job,
+                                  const std::string& owner, const std::stop_token& stop) {
+  return in_turn(options, job, owner, stop, {},
+                 [&](const ImportProcessOptions& process, const Place&) {
+                   return run_import_process(process, job, stop);
+                 });
+}
+
+/// An empty file at a path of its own, or in memory where the path is "".
+Expected<Fd> new_product(const fs::path& path) {
+  if (path.empty()) return file_in_memory("scene");
+  Fd file(::open(path.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
+  if (!file.valid()) return proto::storage_error("create", path);
+  return file;
+}
+
 class IsolatedSource final : public baker::UploadReader {
  public:
-  IsolatedSource(const Importer::Options& options, files::SceneFiles files,
-                 const std::string& scene_key, fs::path cache, std::string owner)
+  IsolatedSource(const Importer::Options& options, std::shared_ptr<CheckedScenes> checked,
+                 files::SceneFiles files, const std::string& scene_key, fs::path cache,
+                 std::string owner)
       : options_(options),
+        checked_(std::move(checked)),
         files_(std::move(files)),
         key_(import::import_key(scene_key, options_.limits, files_.sky_map)),
         cache_(std::move(cache)),
         owner_(std::move(owner)) {}
 
   proto::Expected<scene::Scene> import(std::stop_token stop) override {
-    if (auto kept = find_kept(stop)) return std::move(*kept);
+    if (auto kept = find_kept(stop)) {
+      checked_->take(identity_of(files_));  // nobody needs it
+      return std::move(*kept);
+    }
     return make(stop);
   }
 
@@ -178,30 +203,53 @@ class IsolatedSource final : public baker::UploadReader {
   }
 
   proto::Expected<scene::Scene> make(const std::stop_token& stop) {
+    if (const auto checked = checked_->take(identity_of(files_)))
+      if (const auto done = import_checked(*checked, stop)) {
+        if (!*done) return Unexpected(done->error());
+        return take_product(std::move(checked->product), checked->temporary, stop);
+      }
     const fs::path temporary = cache_.empty() ? fs::path() : options_.new_temporary();
-    auto made = make_at(temporary, stop);
+    auto made = make_anew(temporary, stop);
     if (!made && !temporary.empty()) ::unlink(temporary.c_str());
     return made;
   }
 
-  proto::Expected<scene::Scene> make_at(const fs::path& temporary, const std::stop_token& stop) {
-    Fd product;
-    if (temporary.empty()) {
-      auto file = file_in_memory("scene");
-      if (!file) return Unexpected(file.error());
-      product = std::move(*file);
-    } else {
-      product = Fd(::open(temporary.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
-      if (!product.valid()) return proto::storage_error("create", temporary);
+  /// Lets the process that checked the scene import it; nothing when another has to.
+  std::optional<Expected<Confinement>> import_checked(CheckedScene& checked,
+                                                      const std::stop_token& stop) const {
+    ImportProcessOptions process = options_.process;
+    process.memory_bytes = checked.memory_bytes;
+    Place place;
+    if (options_.memory) {
+      checked.place.reset();  // it sleeps until it has the place of an import
+      auto entered = options_.memory->enter(
+          expected_bytes(*options_.memory, job_for(ImportWork::kImport), owner_), stop, {}, owner_);
+      if (!entered) return Unexpected(entered.error());
+      process.memory_bytes = entered->bytes();
+      place.emplace(std::move(*entered));
     }
+    auto done = checked.process->import(process, key_, stop);
+    checked.process.reset();  // before its place
+    return done;
+  }
+
+  proto::Expected<scene::Scene> make_anew(const fs::path& temporary, const std::stop_token& stop) {
+    auto product = new_product(temporary);
+    if (!product) return Unexpected(product.error());
     ImportJob job = job_for(ImportWork::kImport);
-    job.product = product.get();
+    job.product = product->get();
     const auto done = run_in_turn(options_, job, owner_, stop);
     if (!done) return Unexpected(done.error());
+    return take_product(std::move(*product), temporary, stop);
+  }
+
+  /// Reads the scene file that an import left, and keeps it in the cache.
+  proto::Expected<scene::Scene> take_product(Fd product, const fs::path& temporary,
+                                             const std::stop_token& stop) {
     auto read = read_scene(std::move(product), key_, stop);
     if (!read && read.error().code == "bad_document") return lied(read.error().message);
     if (!read) return Unexpected(read.error());
-    if (!temporary.empty())
+    if (!temporary.empty() && !cache_.empty())
       if (auto kept = keep(temporary, read->file.get(), stop); !kept)
         return Unexpected(kept.error());
     scene_file_ = std::move(read->file);
@@ -258,6 +306,7 @@ class IsolatedSource final : public baker::UploadReader {
   }
 
   const Importer::Options options_;
+  const std::shared_ptr<CheckedScenes> checked_;
   files::SceneFiles files_;
   std::string key_;
   fs::path cache_;
@@ -266,6 +315,15 @@ class IsolatedSource final : public baker::UploadReader {
 };
 
 }  // namespace
+
+Importer::Importer(Options options)
+    : options_(std::move(options)), checked_(std::make_shared<CheckedScenes>()) {
+  if (!options_.memory) return;
+  options_.memory->on_crowded([held = std::weak_ptr(checked_)] {
+    const auto checked = held.lock();
+    return checked && checked->drop_oldest();
+  });
+}
 
 proto::Expected<Confinement> Importer::probe() const {
   return run_import_process(options_.process, {}, {});
@@ -279,16 +337,41 @@ proto::Expected<void> Importer::check(const files::SceneFiles& files,
   job.settings = proto::to_text(proto::to_json(settings));
   job.limits = options_.limits;
   job.files = files;
-  const auto done = run_in_turn(options_, job, {}, stop, options_.patience);
+  job.files.sky_map = settings.sky.map;
+  auto scene = std::make_unique<CheckedScene>();
+  if (options_.new_temporary) scene->temporary = options_.new_temporary();
+  auto product = new_product(scene->temporary);
+  if (!product) return Unexpected(product.error());
+  scene->product = std::move(*product);
+  job.product = scene->product.get();
+  int failures = 0;
+  const auto done =
+      in_turn(options_, job, {}, stop, options_.patience,
+              [&](const ImportProcessOptions& process, Place place) -> Expected<Confinement> {
+                auto checked = run_check_process(process, job, stop);
+                if (!checked) {
+                  ++failures;
+                  return Unexpected(checked.error());
+                }
+                // Memory beyond what is set aside for it is not held while it sleeps: bakes may
+                // want it.
+                if (failures > 0) return Confinement{};
+                scene->process = std::move(*checked);
+                scene->memory_bytes = process.memory_bytes;
+                if (place) scene->place.emplace(std::move(*place));
+                return Confinement{};
+              });
   if (!done) return Unexpected(done.error());
+  scene->files = identity_of(job.files);
+  if (scene->process) checked_->put(std::move(scene));
   return {};
 }
 
 std::shared_ptr<baker::UploadReader> Importer::open(files::SceneFiles files,
                                                     const std::string& scene_key, fs::path cache,
                                                     const std::string& job) const {
-  return std::make_shared<IsolatedSource>(options_, std::move(files), scene_key, std::move(cache),
-                                          job);
+  return std::make_shared<IsolatedSource>(options_, checked_, std::move(files), scene_key,
+                                          std::move(cache), job);
 }
 
 }  // namespace kiln::sandbox

@@ -9,6 +9,7 @@
 
 #include "baker/upload_reader.h"
 #include "server/base/memory_budget.h"
+#include "server/sandbox/checked_scenes.h"
 #include "server/sandbox/supervisor.h"
 
 namespace kiln::sandbox {
@@ -16,9 +17,10 @@ namespace kiln::sandbox {
 /// Reads uploads in processes of their own (supervisor.h): this one never decodes a byte of them,
 /// it maps the scene files that come out and checks every number in those. Thread-safe.
 ///
-/// lit.glb repeats the upload's document and images. It is made by such a process as well, in a
-/// second run: were the document carried along in the scene file, this process would have to parse
-/// it again, and a process that was taken over could have written it.
+/// lit.glb repeats the upload's document and images. It is made by such a process as well, which
+/// reads the document once more: the one that imported it is gone, since its memory would be
+/// missing to the bake. Were the document carried along in the scene file, this process would have
+/// to parse it, and a process that was taken over could have written it.
 class Importer {
  public:
   struct Options {
@@ -33,12 +35,14 @@ class Importer {
     /// given. Not asked for without a cache.
     std::function<std::filesystem::path()> new_temporary;
   };
-  explicit Importer(Options options) : options_(std::move(options)) {}
+  explicit Importer(Options);
 
   /// Starts a process that does nothing. Errors: those of starting one.
   proto::Expected<Confinement> probe() const;
 
-  /// As baker::check_scene(). Also `overloaded`: its turn did not come in time.
+  /// As import::check_scene(). Also `overloaded`: its turn did not come in time. The process that
+  /// passed a scene is kept (checked_scenes.h) and imports it when open() asks for the same files
+  /// with the same sky map.
   proto::Expected<void> check(const files::SceneFiles&, const proto::BakeSettings&,
                               std::stop_token = {}) const;
 
@@ -55,6 +59,7 @@ class Importer {
 
  private:
   Options options_;
+  std::shared_ptr<CheckedScenes> checked_;
 };
 
 }  // namespace kiln::sandbox

@@ -64,10 +64,12 @@ std::string request_text(const ImportRequest& r) {
                          {"settings", r.settings},
                          {"limits", limits_json(r.limits)},
                          {"memory_bytes", r.memory_bytes},
+                         {"most_memory_bytes", r.most_memory_bytes},
                          {"seconds", r.seconds},
                          {"files", std::move(files)},
                          {"sky_map", r.sky_map ? json(*r.sky_map) : json(nullptr)},
                          {"product", r.product},
+                         {"orders", r.orders},
                          {"scene", r.scene},
                          {"lit", r.lit}});
 }
@@ -85,12 +87,14 @@ proto::Expected<ImportRequest> parse_request(const std::string& text) {
     document->at("settings").get_to(r.settings);
     r.limits = limits_of(document->at("limits"));
     document->at("memory_bytes").get_to(r.memory_bytes);
+    document->at("most_memory_bytes").get_to(r.most_memory_bytes);
     document->at("seconds").get_to(r.seconds);
     for (const json& file : document->at("files"))
       r.files.push_back({file.at("name").get<std::string>(), file.at("fd").get<int>()});
     if (const json& name = document->at("sky_map"); !name.is_null())
       r.sky_map = name.get<std::string>();
     document->at("product").get_to(r.product);
+    document->at("orders").get_to(r.orders);
     document->at("scene").get_to(r.scene);
     document->at("lit").get_to(r.lit);
   } catch (const json::exception& e) {
@@ -103,7 +107,7 @@ std::string answer_text(const ImportAnswer& answer) {
   json document{{"memory", answer.confinement.memory},
                 {"no_seccomp", answer.confinement.no_seccomp}};
   if (answer.error) document["error"] = proto::to_json(*answer.error);
-  return proto::to_text(document);
+  return proto::to_text(document) + "\n";
 }
 
 proto::Expected<ImportAnswer> parse_answer(const std::string& text) {

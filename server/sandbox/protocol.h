@@ -12,11 +12,11 @@ namespace kiln::sandbox {
 
 /// What the service tells its import process, and what that answers: one JSON document each way.
 /// The request lies in a file that is the process's standard input, the answer comes through a pipe
-/// that is its standard output. All files that it may read or write are open when it starts; the
-/// request names them by descriptor.
+/// that is its standard output. Each answer is a line. All files that it may read or write are open
+/// when it starts; the request names them by descriptor.
 enum class ImportWork {
   kProbe,   ///< nothing: to see that it starts, and what holds it
-  kCheck,   ///< check_scene
+  kCheck,   ///< check_scene; with `orders` the process then waits for the order to import
   kImport,  ///< import_files, its product as a scene file
   kLit,     ///< write_lit_glb
 };
@@ -31,13 +31,17 @@ struct ImportRequest {
   std::string key;       ///< import_key() of the scene file, which is written or read
   std::string settings;  ///< of a check: JSON
   files::ImportLimits limits;
-  std::uint64_t memory_bytes = 0;      ///< 0: no limit
-  std::uint32_t seconds = 0;           ///< of processor time; 0: no limit
-  std::vector<ImportFile> files;       ///< the upload, main file first
-  std::optional<std::string> sky_map;  ///< of an import: name of the file that is the sky map
-  int product = -1;                    ///< to write: scene file, lit.glb
-  int scene = -1;                      ///< of kLit: the scene file
-  int lit = -1;                        ///< of kLit: the lit request (baker/output/lit_request.h)
+  std::uint64_t memory_bytes = 0;       ///< 0: no limit
+  std::uint64_t most_memory_bytes = 0;  ///< to which the service may raise that; 0: it may not
+  std::uint32_t seconds = 0;            ///< of processor time; 0: no limit
+  std::vector<ImportFile> files;        ///< the upload, main file first
+  std::optional<std::string> sky_map;   ///< of an import: name of the file that is the sky map
+  int product = -1;                     ///< to write: scene file, lit.glb
+  /// A check may have a pipe that brings the order to import, import_key() and a line feed. A
+  /// process that has it answers twice, and ends when the pipe does.
+  int orders = -1;
+  int scene = -1;  ///< of kLit: the scene file
+  int lit = -1;    ///< of kLit: the lit request (baker/output/lit_request.h)
 };
 
 /// What keeps an import process in.

@@ -29,6 +29,9 @@ proto::Expected<std::shared_ptr<const Importer>> make_importer(
   options.process.memory_bytes = config.import_memory_bytes;
   options.memory = std::move(memory);
   options.process.seconds = config.import_seconds;
+  options.process.started = [](pid_t pid) {
+    log_line(base::LogLevel::kDebug, "import.process", {{"pid", pid}});
+  };
   options.process.failed = [](const std::string& reason, const std::string& said) {
     log_line(base::LogLevel::kWarn, "import.failed", {{"reason", reason}, {"stderr", said}});
   };

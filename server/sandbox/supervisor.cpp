@@ -4,6 +4,7 @@
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -18,6 +19,7 @@
 #include <vector>
 
 #include "baker/exec/stop.h"
+#include "server/sandbox/confine.h"
 #include "server/sandbox/spawn.h"
 
 namespace kiln::sandbox {
@@ -61,16 +63,18 @@ class Inheritance {
 };
 
 proto::Expected<ImportRequest> make_request(const ImportProcessOptions& options,
-                                            const ImportJob& job, Inheritance& files) {
+                                            const ImportJob& job, int orders, Inheritance& files) {
   ImportRequest request{job.work,
                         job.key,
                         job.settings,
                         job.limits,
                         options.memory_bytes,
+                        options.most_memory_bytes,
                         options.seconds,
                         {},
                         job.files.sky_map,
                         files.add(job.product),
+                        files.add(orders),
                         files.add(job.scene),
                         files.add(job.lit)};
   if (job.work == ImportWork::kProbe) return request;
@@ -106,14 +110,19 @@ struct Pipe {
   }
 };
 
+struct StartedPid {
+  pid_t pid = -1;
+  bool decodes_images = false;
+};
+
 /// Starts the process: as a copy of the zygote, or as a program of its own for work that needs no
 /// image module while there is no zygote.
-Expected<pid_t> start(const ImportProcessOptions& options, ImportWork work, std::vector<int> files,
-                      const std::stop_token& stop) {
+Expected<StartedPid> start(const ImportProcessOptions& options, ImportWork work,
+                           std::vector<int> files, const std::stop_token& stop) {
   if (options.zygote) {
     const bool is_import = work == ImportWork::kImport;
     if (const auto pid = options.zygote->fork(files, is_import ? kZygotePatience : 0ms, stop))
-      return *pid;
+      return StartedPid{*pid, true};
     if (stop.stop_requested()) return exec::canceled();
     if (is_import) return cannot("no process that has the image module open answers", ETIMEDOUT);
   }
@@ -123,24 +132,29 @@ Expected<pid_t> start(const ImportProcessOptions& options, ImportWork work, std:
     return cannot("descriptors", error);
   if (const int error = plan.run(options.program, "import-stage", pid); error != 0)
     return cannot(options.program.c_str(), error);
-  return pid;
+  return StartedPid{pid, false};
 }
 
-enum class End { kByItself, kStopped, kLate, kTalkedTooMuch };
+}  // namespace
+
+/// The ways in which a wait for a process ends.
+enum class End { kByItself, kAnswered, kStopped, kLate, kTalkedTooMuch };
 
 /// A running process: waited for by this thread, killed at the latest when this goes.
-class Process {
+class ImportProcess {
  public:
-  Process(pid_t pid, Fd answer, Fd said)
+  ImportProcess(pid_t pid, Fd answer, Fd said)
       : pid_(pid), answer_fd_(std::move(answer)), said_fd_(std::move(said)) {}
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-  ~Process() {
+  ImportProcess(const ImportProcess&) = delete;
+  ImportProcess& operator=(const ImportProcess&) = delete;
+  ~ImportProcess() {
     if (pid_ > 0) kill_now();
   }
 
-  /// Reads what it says until it closes its pipes, and waits for its end.
-  End wait(std::optional<Clock::time_point> deadline, const std::stop_token& stop) {
+  /// Reads what it says until it closes its pipes, and waits for its end. With `one_answer` it
+  /// also returns, as kAnswered, once a line was answered and the process lives.
+  End wait(std::optional<Clock::time_point> deadline, const std::stop_token& stop,
+           bool one_answer = false) {
     const Fd wake(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
     const std::stop_callback on_stop(stop, [&] { ::eventfd_write(wake.get(), 1); });
     End end = End::kByItself;
@@ -154,6 +168,8 @@ class Process {
         end = End::kLate;
       else if (!take(answer_fd_, answer_, kMaxAnswerBytes))
         end = End::kTalkedTooMuch;
+      else if (one_answer && answer_.ends_with('\n'))
+        return End::kAnswered;
       else
         take(said_fd_, said_, kMaxSaid);
     }
@@ -162,7 +178,9 @@ class Process {
     return end;
   }
 
+  pid_t pid() const { return pid_; }
   const std::string& answer() const { return answer_; }
+  void forget_answer() { answer_.clear(); }
   const std::string& said() const { return said_; }
   int status() const { return status_; }
 
@@ -221,6 +239,8 @@ class Process {
   int status_ = 0;
 };
 
+namespace {
+
 std::string text_of(std::uint64_t number) {
   return std::to_string(number);
 }
@@ -248,8 +268,16 @@ Unexpected crashed(const std::string& how) {
                          ". The scene may be made to do this, or meet a fault of the decoders.");
 }
 
-/// What became of the process, as the job's outcome.
-Expected<Confinement> outcome_of(const ImportProcessOptions& options, const Process& process,
+Expected<Confinement> outcome_of(const ImportProcessOptions& options, const std::string& text) {
+  auto answer = parse_answer(text);
+  if (!answer) return crashed("gave no valid answer: " + answer.error().message);
+  if (!answer->error) return answer->confinement;
+  if (answer->error->code == "import_out_of_memory") return out_of_memory(options);
+  return Unexpected(std::move(*answer->error));
+}
+
+/// The process's end as the job's outcome.
+Expected<Confinement> outcome_of(const ImportProcessOptions& options, const ImportProcess& process,
                                  End end) {
   if (end == End::kStopped) return proto::fail(proto::kCanceledCode, "canceled");
   if (end == End::kLate) return too_late(options);
@@ -263,19 +291,19 @@ Expected<Confinement> outcome_of(const ImportProcessOptions& options, const Proc
                    ::sigdescr_np(WTERMSIG(status)) + ")");
   if (WEXITSTATUS(status) != 0)
     return crashed("ended with code " + std::to_string(WEXITSTATUS(status)));
-  auto answer = parse_answer(process.answer());
-  if (!answer) return crashed("gave no valid answer: " + answer.error().message);
-  if (!answer->error) return answer->confinement;
-  if (answer->error->code == "import_out_of_memory") return out_of_memory(options);
-  return Unexpected(std::move(*answer->error));
+  return outcome_of(options, process.answer());
 }
 
-}  // namespace
+struct Started {
+  std::unique_ptr<ImportProcess> process;
+  bool decodes_images = false;
+};
 
-proto::Expected<Confinement> run_import_process(const ImportProcessOptions& options,
-                                                const ImportJob& job, std::stop_token stop) {
+/// @param orders descriptor that brings the process its orders; -1: none
+proto::Expected<Started> launch(const ImportProcessOptions& options, const ImportJob& job,
+                                int orders, const std::stop_token& stop) {
   Inheritance files;
-  const auto request = make_request(options, job, files);
+  const auto request = make_request(options, job, orders, files);
   if (!request) return Unexpected(request.error());
   const auto input = request_file(*request);
   if (!input) return Unexpected(input.error());
@@ -283,24 +311,96 @@ proto::Expected<Confinement> run_import_process(const ImportProcessOptions& opti
   if (!answer) return Unexpected(answer.error());
   auto said = Pipe::make();
   if (!said) return Unexpected(said.error());
-
   std::vector<int> given{input->get(), answer->write.get(), said->write.get()};
   given.insert(given.end(), files.sources().begin(), files.sources().end());
-  const auto pid = start(options, job.work, std::move(given), stop);
-  if (!pid) return Unexpected(pid.error());
-  Process process(*pid, std::move(answer->read), std::move(said->read));
-  answer->write.reset();
-  said->write.reset();
-  if (options.started) options.started(*pid);
-  std::optional<Clock::time_point> deadline;
-  if (options.seconds > 0) deadline = Clock::now() + std::chrono::seconds(options.seconds);
-  const End end = process.wait(deadline, stop);
+  const auto started = start(options, job.work, std::move(given), stop);
+  if (!started) return Unexpected(started.error());
+  auto process =
+      std::make_unique<ImportProcess>(started->pid, std::move(answer->read), std::move(said->read));
+  if (options.started) options.started(started->pid);
+  return Started{std::move(process), started->decodes_images};
+}
+
+std::optional<Clock::time_point> deadline_of(const ImportProcessOptions& options) {
+  if (options.seconds == 0) return std::nullopt;
+  return Clock::now() + std::chrono::seconds(options.seconds);
+}
+
+/// Waits for the process's end. Reports a failure that is not the scene's.
+Expected<Confinement> finish(const ImportProcessOptions& options, ImportProcess& process, End end) {
   auto outcome = outcome_of(options, process, end);
   const bool by_itself =
       end == End::kByItself && WIFEXITED(process.status()) && WEXITSTATUS(process.status()) == 0;
   if (!outcome && !(by_itself && outcome.error().code != "import_crashed") &&
       end != End::kStopped && options.failed)
     options.failed(outcome.error().message, process.said());
+  return outcome;
+}
+
+}  // namespace
+
+proto::Expected<Confinement> run_import_process(const ImportProcessOptions& options,
+                                                const ImportJob& job, std::stop_token stop) {
+  const auto started = launch(options, job, -1, stop);
+  if (!started) return Unexpected(started.error());
+  ImportProcess& process = *started->process;
+  return finish(options, process, process.wait(deadline_of(options), stop));
+}
+
+struct CheckedProcess::Parts {
+  std::unique_ptr<ImportProcess> process;
+  Fd orders;
+  std::uint64_t memory_bytes = 0;
+};
+
+CheckedProcess::CheckedProcess(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+CheckedProcess::~CheckedProcess() = default;
+
+proto::Expected<std::unique_ptr<CheckedProcess>> run_check_process(
+    const ImportProcessOptions& options, const ImportJob& job, std::stop_token stop) {
+  // A socket, since a write to one whose reader is gone can do without a signal.
+  std::array<int, 2> ends{};
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0)
+    return cannot("socketpair", errno);
+  Fd ours(ends[0]), theirs(ends[1]);
+  auto started = launch(options, job, theirs.get(), stop);
+  theirs.reset();
+  if (!started) return Unexpected(started.error());
+  ImportProcess& process = *started->process;
+  const auto deadline = deadline_of(options);
+  End end = process.wait(deadline, stop, true);
+  if (end == End::kAnswered && !outcome_of(options, process.answer()))
+    end = process.wait(deadline, stop);  // it ends by itself
+  if (end != End::kAnswered)
+    if (const auto outcome = finish(options, process, end); !outcome)
+      return Unexpected(outcome.error());
+  if (end != End::kAnswered) return crashed("ended before it was told to");
+  // Without the image module it could check the scene only.
+  if (options.zygote && !started->decodes_images) return nullptr;
+  process.forget_answer();
+  auto parts = std::make_unique<CheckedProcess::Parts>();
+  parts->process = std::move(started->process);
+  parts->orders = std::move(ours);
+  parts->memory_bytes = options.memory_bytes;
+  return std::make_unique<CheckedProcess>(std::move(parts));
+}
+
+std::optional<proto::Expected<Confinement>> CheckedProcess::import(
+    const ImportProcessOptions& options, const std::string& key, std::stop_token stop) {
+  ImportProcess& process = *parts_->process;
+  const std::uint64_t more =
+      options.memory_bytes - std::min(options.memory_bytes, parts_->memory_bytes);
+  const std::string order = key + "\n";
+  if (!raise_bounds(process.pid(), more) ||
+      ::send(parts_->orders.get(), order.data(), order.size(), MSG_NOSIGNAL) !=
+          static_cast<ssize_t>(order.size()))
+    return std::nullopt;
+  const End end = process.wait(deadline_of(options), stop);
+  if (end == End::kByItself && process.answer().empty() && WIFEXITED(process.status()) &&
+      WEXITSTATUS(process.status()) == 0)
+    return std::nullopt;  // it was on its way out when the order came
+  auto outcome = finish(options, process, end);
+  if (!outcome && outcome.error().code == "import_out_of_memory") return std::nullopt;
   return outcome;
 }
 

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 
@@ -24,8 +25,9 @@ struct ImportProcessOptions {
   /// What processes are forked from; imports wait for it. Null: the program is started each time,
   /// and can't decode images.
   std::shared_ptr<Zygote> zygote;
-  std::uint64_t memory_bytes = 0;  ///< 0: no limit
-  std::uint32_t seconds = 0;       ///< of time on the wall, and of the processor; 0: no limit
+  std::uint64_t memory_bytes = 0;       ///< 0: no limit
+  std::uint64_t most_memory_bytes = 0;  ///< to which CheckedProcess::import() may raise it
+  std::uint32_t seconds = 0;            ///< of time on the wall, and of the processor; 0: no limit
   /// Told each process's id, on the thread that waits for it.
   std::function<void(pid_t)> started;
   /// Told why a process failed, and what it had said on its standard error.
@@ -49,5 +51,31 @@ struct ImportJob {
 /// `import_out_of_memory`, `io_error` (it could not be started), `canceled`.
 proto::Expected<Confinement> run_import_process(const ImportProcessOptions&, const ImportJob&,
                                                 std::stop_token);
+
+/// A process that has checked a scene and waits, asleep, for the order to import it: it still has
+/// what it read. Ends with this object. For one thread at a time.
+class CheckedProcess {
+ public:
+  struct Parts;
+  explicit CheckedProcess(std::unique_ptr<Parts>);
+  CheckedProcess(const CheckedProcess&) = delete;
+  CheckedProcess& operator=(const CheckedProcess&) = delete;
+  ~CheckedProcess();
+
+  /// Gives the process the memory of `options` in place of what it had, and lets it write the scene
+  /// file of that key to its product. As run_import_process(); nothing when the process is gone, or
+  /// had too little memory, and another has to read the scene anew. Called once.
+  std::optional<proto::Expected<Confinement>> import(const ImportProcessOptions& options,
+                                                     const std::string& key, std::stop_token);
+
+ private:
+  std::unique_ptr<Parts> parts_;
+};
+
+/// Runs a check as run_import_process() does. Where the scene passes, returns the process, which
+/// can go on to import it into job.product; null where it can't decode images. Same errors.
+proto::Expected<std::unique_ptr<CheckedProcess>> run_check_process(const ImportProcessOptions&,
+                                                                   const ImportJob&,
+                                                                   std::stop_token);
 
 }  // namespace kiln::sandbox

@@ -37,6 +37,7 @@ void wait_for_quiet() {
     if (tasks == nullptr) return;
     int running = 0;
     while (const dirent* const entry = ::readdir(tasks)) {
+      if (entry->d_name[0] == '.') continue;  // "..": the process itself, which runs
       std::ifstream file(std::string("/proc/self/task/") + entry->d_name + "/stat");
       std::string line;
       std::getline(file, line);

@@ -57,6 +57,30 @@ TEST(ImportOfTheService, ItsDeathFailsOneJobOfTheService) {
   EXPECT_EQ(member(end_of(program, id), "state"), "succeeded") << "nobody kills it this time";
 }
 
+// One process checks a scene and imports it, another writes lit.glb.
+TEST(ImportOfTheService, AJobHasTwoProcesses) {
+  const TempFolder folder;
+  Program program(folder.path() / "data", {"--log-level", "debug"});
+  const std::string settings = R"({"atlas":{"page_size":64}})";
+  const auto bake = [&](const std::string& name) {
+    const auto scene = write_scene(folder.path(), name);
+    EXPECT_EQ(member(end_of(program, post_job(program, scene, settings)), "state"), "succeeded");
+  };
+  const auto processes = [&] {
+    const std::string log = program.log();
+    int count = 0;
+    for (auto at = log.find("import.process"); at != log.npos;
+         at = log.find("import.process", at + 1))
+      ++count;
+    return count;
+  };
+  bake("room_textured");  // its import waits until processes are forked from the zygote
+  const int before = processes();
+  ASSERT_GT(before, 0) << program.log();
+  bake("cornell");
+  EXPECT_EQ(processes() - before, 2) << program.log();
+}
+
 TEST(ImportOfTheService, GoesWithTheService) {
   const TempFolder folder;
   Program program(folder.path() / "data");

@@ -26,7 +26,7 @@ std::map<std::uint32_t, std::vector<std::uint32_t>> triangles_by_page(const atla
   return out;
 }
 
-/// Corners in the source's winding.
+/// Returns the corners in the source's winding.
 std::vector<Corner> corners_of(const scene::Scene& scene, const atlas::Atlas& atlas,
                                const std::vector<std::uint32_t>& triangles, bool mirrored) {
   static constexpr std::array<int, 3> kStraight{0, 1, 2}, kSwapped{0, 2, 1};
@@ -41,8 +41,8 @@ std::vector<Corner> corners_of(const scene::Scene& scene, const atlas::Atlas& at
   return out;
 }
 
-/// Whether each source vertex has one place; then piece.uv has that of every vertex, (0,0) where no
-/// triangle needs one.
+/// Says whether each source vertex has one place; then piece.uv has that of every vertex, (0,0)
+/// where no triangle needs one.
 bool place_source_vertices(LitPiece& piece, const std::vector<Corner>& corners,
                            std::uint64_t source_vertices) {
   constexpr float kUnset = std::numeric_limits<float>::infinity();

@@ -13,10 +13,10 @@
 
 namespace kiln::output::lit {
 
-/// The triangles of one part that lie on one page, as lit.glb needs them.
+/// The triangles of one part on one page, as lit.glb needs them.
 struct LitPiece {
   std::uint32_t page = 0;
-  /// Whether each source vertex has one place on the page: then the source's accessors stay, and
+  /// True where each source vertex has one place on the page: then the source's accessors stay, and
   /// `uv` has one entry for each of its vertices.
   bool keeps_vertices = false;
   std::vector<std::array<float, 2>> uv;  ///< 0..1 over the page, one per vertex of the result

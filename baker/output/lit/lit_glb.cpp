@@ -39,8 +39,7 @@ void for_materials(Json& primitive, Visit visit) {
     if (mapping.is_object() && mapping.contains("material")) visit(mapping["material"]);
 }
 
-/// "TEXCOORD_1" of a primitive's attributes moves to the first free set: its number, 1 when there
-/// is nothing to move.
+/// Returns the number of the first free set of texture coordinates beyond 1.
 std::uint32_t free_texcoord(const Json& attributes) {
   std::uint32_t set = 2;
   while (attributes.contains("TEXCOORD_" + std::to_string(set))) ++set;
@@ -85,7 +84,7 @@ class LitScene {
   }
 
  private:
-  /// What loaders need beyond the extensions; left out where the source's extras are no object.
+  /// Adds what loaders need beyond the extensions, unless the source's extras are no object.
   void describe_pages() {
     Json& asset = document_.json()["asset"];
     if (asset.contains("extras") && !asset["extras"].is_object()) return;
@@ -100,7 +99,8 @@ class LitScene {
     return false;
   }
 
-  /// Instances by mesh, -1 for nodes that are none (outside the scene, or nothing to bake).
+  /// Returns the instances by mesh, -1 for nodes that are none (outside the scene, or nothing to
+  /// bake).
   std::map<std::uint64_t, std::vector<std::int64_t>> users_of_meshes() const {
     std::map<std::uint64_t, std::int64_t> instance_of;
     for (std::size_t i = 0; i < scene_.instances.size(); ++i)
@@ -116,7 +116,7 @@ class LitScene {
     return users;
   }
 
-  /// Meshes whose own place may hold the first instance's: nothing else shows them.
+  /// Returns the meshes whose own place may hold the first instance's: nothing else shows them.
   std::set<std::uint64_t> meshes_of_instances_only() const {
     std::set<std::uint64_t> out;
     for (const auto& [mesh, users] : users_of_meshes())
@@ -144,7 +144,7 @@ class LitScene {
     return out;
   }
 
-  /// A copy of the instance's mesh with its parts lit.
+  /// Returns a copy of the instance's mesh with its parts lit.
   proto::Expected<Json> lit_mesh(std::uint32_t instance_index) {
     const scene::Instance& instance = scene_.instances[instance_index];
     Json mesh = meshes_.at(instance.mesh);
@@ -176,7 +176,7 @@ class LitScene {
     return {};
   }
 
-  /// Whether TEXCOORD_1 already is the place on the page.
+  /// Says whether TEXCOORD_1 already is the place on the page.
   bool keeps_uv(const Json& attributes, const LitPiece& piece, std::uint32_t part) const {
     const atlas::InstancePlacement& placed = atlas_.placements[scene_.parts[part].instance];
     return piece.keeps_vertices && placed.uses_source_uv && placed.scale == math::Vec2{1, 1} &&
@@ -203,8 +203,8 @@ class LitScene {
     return {};
   }
 
-  /// Makes room for the lightmap: the set that the source's TEXCOORD_1 moved to, or 1 where no
-  /// texture reads it and it was left out.
+  /// Makes room for the lightmap. Returns the set that the source's TEXCOORD_1 moved to, or 1 where
+  /// no texture reads it and it was left out.
   std::uint32_t move_texcoord_1(Json& primitive) {
     bool wanted = false;
     for_materials(primitive, [&](const Json& m) {

@@ -18,19 +18,20 @@ class LitMaterials {
   /// `unlit_uses`: materials that something without a lightmap uses too, and so stay as they are.
   LitMaterials(LitDocument&, std::span<const LitPage>, std::set<std::uint64_t> unlit_uses);
 
-  /// Whether a texture of the material reads TEXCOORD_1.
+  /// Says whether a texture of the material reads TEXCOORD_1.
   bool reads_texcoord_1(std::optional<std::uint64_t> material);
 
-  /// The material (nothing: glTF's default) with the page's lightmap by MOZ_lightmap; where
+  /// Returns the material (nothing: glTF's default) with the page's lightmap by MOZ_lightmap; where
   /// `move_to` is not 1 its other textures read TEXCOORD_<move_to> instead of TEXCOORD_1. The first
   /// variant takes the material's own place, so that indices elsewhere stay true.
   std::uint32_t variant(std::optional<std::uint64_t> material, std::uint32_t page,
                         std::uint32_t move_to);
 
-  /// The MX_lightmap of a node on that page.
+  /// Returns the MX_lightmap of a node on that page.
   Json node_extension(std::uint32_t page) const;
 
-  /// For asset.extras: of each page the texture, the scale, the exposure and the name of its EXR.
+  /// Returns for asset.extras of each page the texture, the scale, the exposure and the name of its
+  /// EXR.
   Json describe_pages() const;
 
  private:

@@ -6,9 +6,25 @@
 #include <utility>
 #include <vector>
 
+#include "proto/expected.h"
 #include "proto/manifest.h"
 
 namespace kiln::gltf {
+
+/// Returns the error that the scene is wrong at this place of the glTF.
+inline proto::Unexpected invalid(const std::string& why, const std::string& pointer) {
+  return proto::fail("invalid_scene", why, "scene", pointer);
+}
+
+/// Returns the error that the scene asks for more than one of the ImportLimits allows: `name` is the limit's, as
+/// GET /v1/capabilities has it.
+inline proto::Unexpected over_limit(const std::string& what, std::uint64_t limit, const char* name,
+                                    const std::string& pointer) {
+  return proto::fail(
+      "limit_exceeded",
+      what + ": the limit `" + name + "` of this service is " + std::to_string(limit), "scene",
+      pointer);
+}
 
 /// Warnings of one import. A scene may give the same one at a million places: each code is kept
 /// once per message, with its first place and the number of places.
@@ -21,7 +37,7 @@ class WarningList {
     entries_[found->second].times += times;
   }
 
-  /// In order of first appearance.
+  /// Returns them in order of first appearance.
   std::vector<proto::Warning> take() {
     std::vector<proto::Warning> out;
     for (Entry& entry : entries_) {
