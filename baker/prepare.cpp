@@ -31,7 +31,7 @@ proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader& source,
   auto atlas = atlas::build_atlas(bake->scene, settings.atlas, stop);
   if (!atlas) return proto::Unexpected(atlas.error());
   bake->atlas.emplace(std::move(*atlas));
-  auto texels = rasterise(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
+  auto texels = rasterize(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
   if (!texels) return proto::Unexpected(texels.error());
   bake->texels = std::make_shared<const atlas::TextureGroup>(std::move(*texels));
 

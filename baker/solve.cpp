@@ -83,7 +83,7 @@ class PassBatches final : public exec::BatchWork {
 
   void run(std::uint32_t batch) override { rays_[batch] = pass_.run(range(batch), before_, view_); }
   std::string compute(std::uint32_t batch) override {
-    return solver::compute_patch(pass_, range(batch), before_).serialised();
+    return solver::compute_patch(pass_, range(batch), before_).serialized();
   }
   Expected<void> take(std::uint32_t batch, std::string_view bytes) override {
     const auto patch = lightmap::parse_patch(bytes, form_);

@@ -9,26 +9,26 @@ namespace kiln::denoise {
 namespace {
 
 constexpr std::uint32_t kRunTexels = 2048;
-constexpr int kCount = SurfaceNeighbours::kCount;
+constexpr int kCount = SurfaceNeighbors::kCount;
 
-/// The colour of the light, red, green, blue, and the sky's: its luminance, or if that is not
+/// The color of the light, red, green, blue, and the sky's: its luminance, or if that is not
 /// enough its own red, green, blue.
 template <std::size_t kChannels>
-struct alignas(16) Colour {
+struct alignas(16) Color {
   float c[kChannels];
 
-  Colour& add(float weight, const Colour& o) {
+  Color& add(float weight, const Color& o) {
     for (std::size_t i = 0; i < kChannels; ++i) c[i] += weight * o.c[i];
     return *this;
   }
 };
-using PlainColour = Colour<4>;
-using SkyColour = Colour<6>;
+using PlainColor = Color<4>;
+using SkyColor = Color<6>;
 
-float all_light(const PlainColour& l) {
+float all_light(const PlainColor& l) {
   return math::luminance({l.c[0], l.c[1], l.c[2]}) + l.c[3];
 }
-float all_light(const SkyColour& l) {
+float all_light(const SkyColor& l) {
   return math::luminance({l.c[0], l.c[1], l.c[2]}) + math::luminance({l.c[3], l.c[4], l.c[5]});
 }
 
@@ -86,13 +86,13 @@ std::uint8_t similarity(const atlas::TextureGroup& texels, const lightmap::Plane
 /// The texels around each that are alike.
 class SimilarityWeights {
  public:
-  SimilarityWeights(const atlas::TextureGroup& texels, const SurfaceNeighbours& neighbours,
+  SimilarityWeights(const atlas::TextureGroup& texels, const SurfaceNeighbors& neighbors,
                     const lightmap::Lightmap& light)
-      : texels_(texels), neighbours_(neighbours), light_(light), weight_(texels.size()) {}
+      : texels_(texels), neighbors_(neighbors), light_(light), weight_(texels.size()) {}
 
   /// To be called of every texel before the others are of use.
   void compare(std::uint32_t t) {
-    const auto around = neighbours_.of(t);
+    const auto around = neighbors_.of(t);
     for (std::size_t k = 0; k < kCount; ++k)
       weight_[t][k] = around[k] == atlas::kNoTexel
                           ? std::uint8_t(0)
@@ -102,28 +102,28 @@ class SimilarityWeights {
   /// Calls `use(k, texel, weight)` for the texels around that are alike, itself among them.
   template <class Use>
   void visit(std::uint32_t t, const Use& use) const {
-    const auto around = neighbours_.of(t);
+    const auto around = neighbors_.of(t);
     for (std::size_t k = 0; k < kCount; ++k)
       if (weight_[t][k] > 0) use(k, std::uint32_t(around[k]), float(weight_[t][k]));
   }
 
  private:
   const atlas::TextureGroup& texels_;
-  const SurfaceNeighbours& neighbours_;
+  const SurfaceNeighbors& neighbors_;
   const lightmap::Lightmap& light_;
   std::vector<Weights> weight_;
 };
 
 /// The filters over one signal, in steps; each reads what the steps before left of the texels
 /// around.
-template <class Colour>
+template <class Color>
 class Filtering {
  public:
   Filtering(const SimilarityWeights& around, std::uint32_t texels)
-      : around_(around), colour_(texels), none_(texels) {}
+      : around_(around), color_(texels), none_(texels) {}
 
-  void set(std::uint32_t t, const Colour& mean, float spread) {
-    colour_[t] = mean;
+  void set(std::uint32_t t, const Color& mean, float spread) {
+    color_[t] = mean;
     const float all = all_light(mean);
     none_[t] = {all + spread, all - spread};
   }
@@ -141,23 +141,23 @@ class Filtering {
   void allocate() {
     narrow_.resize(none_.size());
     wide_.resize(none_.size());
-    wide_colour_.resize(none_.size());
+    wide_color_.resize(none_.size());
     errors_.resize(none_.size());
     smooth_errors_.resize(none_.size());
   }
   void smooth_once(std::uint32_t t) {
     Luminances narrow, wide;
-    Colour colour{};
+    Color color{};
     float narrow_weight = 0, wide_weight = 0;
     around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
       const float nw = w * kNarrow[k], ww = w * kWide[k];
       narrow.add(nw, none_[n]), narrow_weight += nw;
       wide.add(ww, none_[n]), wide_weight += ww;
-      colour.add(ww, colour_[n]);
+      color.add(ww, color_[n]);
     });
     narrow_[t] = Luminances{}.add(1 / narrow_weight, narrow);
     wide_[t] = Luminances{}.add(1 / wide_weight, wide);
-    wide_colour_[t] = Colour{}.add(1 / wide_weight, colour);
+    wide_color_[t] = Color{}.add(1 / wide_weight, color);
   }
 
   void smooth_twice(std::uint32_t t) {
@@ -179,7 +179,7 @@ class Filtering {
   void smooth_errors(std::uint32_t t) { smooth_errors_[t] = mean(errors_, t); }
 
   struct Chosen {
-    Colour light;
+    Color light;
     float variance = 0;
 
     math::Rgb first_three() const { return {light.c[0], light.c[1], light.c[2]}; }
@@ -190,9 +190,9 @@ class Filtering {
     // zero; that of no filter is the variance itself.
     for (std::size_t c = 0; c < kFilters; ++c) e[c] = std::max(e[c], kLeft[c] * e[0]);
     const float least = *std::min_element(e.begin(), e.end());
-    const std::array<Colour, kFilters> filtered{colour_[t], narrowed(colour_, t), wide_colour_[t],
-                                                narrowed(wide_colour_, t)};
-    Colour sum{};
+    const std::array<Color, kFilters> filtered{color_[t], narrowed(color_, t), wide_color_[t],
+                                               narrowed(wide_color_, t)};
+    Color sum{};
     float weight = 0, error = 0;
     // The light's own rounding sets the scale below which errors are alike.
     const float level = 1e-5f * (std::abs(none_[t].a) + std::abs(none_[t].b));
@@ -203,19 +203,19 @@ class Filtering {
       sum.add(w, filtered[c]);
       error += w * e[c], weight += w;
     }
-    return {Colour{}.add(1 / weight, sum), error / weight};
+    return {Color{}.add(1 / weight, sum), error / weight};
   }
 
  private:
-  /// Through the narrow filter. The colours of the narrow filters are made where they are used:
+  /// Through the narrow filter. The colors of the narrow filters are made where they are used:
   /// they would be half of the memory.
-  Colour narrowed(const std::vector<Colour>& colour, std::uint32_t t) const {
-    Colour sum{};
+  Color narrowed(const std::vector<Color>& color, std::uint32_t t) const {
+    Color sum{};
     float weight = 0;
     around_.visit(t, [&](std::size_t k, std::uint32_t n, float w) {
-      sum.add(w * kNarrow[k], colour[n]), weight += w * kNarrow[k];
+      sum.add(w * kNarrow[k], color[n]), weight += w * kNarrow[k];
     });
-    return Colour{}.add(1 / weight, sum);
+    return Color{}.add(1 / weight, sum);
   }
 
   /// Over the texels around.
@@ -231,7 +231,7 @@ class Filtering {
   }
 
   const SimilarityWeights& around_;
-  std::vector<Colour> colour_, wide_colour_;
+  std::vector<Color> color_, wide_color_;
   std::vector<Luminances> none_, narrow_, wide_;
   std::vector<Errors> errors_, smooth_errors_;
 };
@@ -242,8 +242,8 @@ using Each = std::function<bool(const std::function<void(std::uint32_t)>&)>;
 /// Filters a signal, or, if it is not to be smoothed, tells its variance.
 /// @param set puts the light of a texel into the signal
 /// @param put takes the filtered light; @param put_variance the variance alone
-template <class Colour, class Set, class Put, class PutVariance>
-bool filter(Filtering<Colour> signal, const Each& each, bool smooth, const Set& set, const Put& put,
+template <class Color, class Set, class Put, class PutVariance>
+bool filter(Filtering<Color> signal, const Each& each, bool smooth, const Set& set, const Put& put,
             const PutVariance& put_variance) {
   if (!each([&](std::uint32_t t) { set(signal, t); })) return false;
   if (!smooth) return each([&](std::uint32_t t) { put_variance(t, signal.variance(t)); });
@@ -261,21 +261,21 @@ bool filter(Filtering<Colour> signal, const Each& each, bool smooth, const Set& 
 
 std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
                                              const exec::Workers& workers) {
-  if (!linked_ && !(linked_ = neighbours_.link(workers))) return std::nullopt;
+  if (!linked_ && !(linked_ = neighbors_.link(workers))) return std::nullopt;
   const std::uint32_t count = light.size();
   const Each each = [&](const std::function<void(std::uint32_t)>& use) {
     return workers.for_runs(count, kRunTexels, [&](auto begin, auto end) {
       for (std::uint32_t t = begin; t < end; ++t) use(t);
     });
   };
-  SimilarityWeights around(texels_, neighbours_, light);
+  SimilarityWeights around(texels_, neighbors_, light);
   if (!each([&](std::uint32_t t) { around.compare(t); })) return std::nullopt;
   FilteredLight out{light.direct, light.sky, light.indirect, lightmap::Plane<float>(count),
                     lightmap::Plane<float>(count)};
   if (smooth_)
     for (auto* plane : {&out.direct, &out.sky, &out.indirect}) plane->clear();
   const bool direct = filter(
-      Filtering<PlainColour>(around, count), each, smooth_,
+      Filtering<PlainColor>(around, count), each, smooth_,
       [&](auto& signal, std::uint32_t t) {
         const math::Rgb d = light.direct[t];
         signal.set(t, {{d.r, d.g, d.b, 0}}, light.direct_spread[t]);
@@ -292,7 +292,7 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
   bool gathered = false;
   if (has_sky_map_) {
     gathered = filter(
-        Filtering<SkyColour>(around, count), each, smooth_,
+        Filtering<SkyColor>(around, count), each, smooth_,
         [&](auto& signal, std::uint32_t t) {
           const math::Rgb i = light.indirect[t], s = light.sky[t];
           signal.set(t, {{i.r, i.g, i.b, s.r, s.g, s.b}}, spread(t));
@@ -303,16 +303,16 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
         },
         put_variance);
   } else {
-    // Uniform over all directions, the sky has one colour on all texels.
-    const math::Rgb colour = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
+    // Uniform over all directions, the sky has one color on all texels.
+    const math::Rgb color = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
     gathered = filter(
-        Filtering<PlainColour>(around, count), each, smooth_,
+        Filtering<PlainColor>(around, count), each, smooth_,
         [&](auto& signal, std::uint32_t t) {
           const math::Rgb i = light.indirect[t];
           signal.set(t, {{i.r, i.g, i.b, luminance(light.sky[t])}}, spread(t));
         },
         [&](std::uint32_t t, const auto& chosen) {
-          out.indirect[t] = chosen.first_three(), out.sky[t] = colour * chosen.light.c[3];
+          out.indirect[t] = chosen.first_three(), out.sky[t] = color * chosen.light.c[3];
         },
         put_variance);
   }

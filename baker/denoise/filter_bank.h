@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "baker/atlas/texture_group.h"
-#include "baker/denoise/surface_neighbours.h"
+#include "baker/denoise/surface_neighbors.h"
 #include "baker/exec/workers.h"
 #include "baker/lightmap/lightmap.h"
 
@@ -27,7 +27,7 @@ struct FilteredLight {
 /// averaged over the texels around [cross-validation: Rousselle et al., "Adaptive Rendering with
 /// Non-Local Means Filtering", 2012, sec. 4]. The result is their mean with weights that fall with
 /// the square of that error, so it goes over to the unfiltered light as samples rise. Filters reach
-/// over texels of the same surface only, as SurfaceNeighbours has them.
+/// over texels of the same surface only, as SurfaceNeighbors has them.
 ///
 /// Same light, same bits, on any number of threads.
 class FilterBank {
@@ -35,11 +35,11 @@ class FilterBank {
   /// @param smooth false: the light stays as it is, and its variance is the mean of its squared
   /// spread over the texels around
   /// @param sky its radiance, the same in every direction
-  /// @param has_sky_map the sky has its own colour on every texel
+  /// @param has_sky_map the sky has its own color on every texel
   FilterBank(const atlas::TextureGroup& texels, math::Rgb sky, bool smooth,
              bool has_sky_map = false)
       : texels_(texels),
-        neighbours_(texels),
+        neighbors_(texels),
         sky_(sky),
         smooth_(smooth),
         has_sky_map_(has_sky_map) {}
@@ -49,7 +49,7 @@ class FilterBank {
 
  private:
   const atlas::TextureGroup& texels_;
-  SurfaceNeighbours neighbours_;
+  SurfaceNeighbors neighbors_;
   math::Rgb sky_;
   bool smooth_, has_sky_map_, linked_ = false;
 };

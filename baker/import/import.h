@@ -46,7 +46,7 @@ proto::Expected<void> check_scene(const files::SceneFiles&, const proto::BakeSet
 
 /// The import without what settings add: geometry, materials, punctual lights, images and the sky
 /// map that the files name, decoded. Same errors but `no_light`, and `invalid_image`. What is legal
-/// but not honoured becomes a Scene::warning.
+/// but not honored becomes a Scene::warning.
 proto::Expected<scene::Scene> import_files(const files::SceneFiles&,
                                            const files::ImportLimits& = {}, std::stop_token = {});
 

@@ -17,7 +17,7 @@ proto::Expected<void> add_punctual_lights(scene::Scene&, gltf::Document&,
                                           const files::ImportLimits&);
 
 /// Adds the sky and the lights of the settings; a sky map that gives no light is dropped. A
-/// rectangle is centred on its position; its width runs along the horizontal (along +X where it
+/// rectangle is centered on its position; its width runs along the horizontal (along +X where it
 /// faces straight up or down). Errors: `invalid_settings`: a light without a direction, or with an
 /// empty cone or area; `missing_file`: the sky map was not imported; `canceled`.
 proto::Expected<void> add_settings_lights(scene::Scene&, const proto::BakeSettings&,

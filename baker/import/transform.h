@@ -17,7 +17,7 @@ struct Transform {
     };
     return {row(0), row(1), row(2)};
   }
-  /// A direction, not normalised.
+  /// A direction, not normalized.
   math::Vec3 direction(math::Vec3 v) const {
     const auto row = [&](std::size_t i) {
       return static_cast<float>(m[i][0] * v.x + m[i][1] * v.y + m[i][2] * v.z);

@@ -108,7 +108,7 @@ float AreaLight::clearance(math::Vec3 receiver) const {
 }
 
 float AreaLight::least_distance(math::Vec3 p) const {
-  return std::max(std::abs(dot(normal, p - corner[0])), length(centre() - p) - longest_edge_m);
+  return std::max(std::abs(dot(normal, p - corner[0])), length(center() - p) - longest_edge_m);
 }
 
 simd::LightShape AreaLight::shape() const {

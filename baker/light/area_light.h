@@ -26,7 +26,7 @@ struct AreaLight {
   bool is_uniform() const { return textured == kUniform; }
   math::Vec3 first_edge() const { return corner[1] - corner[0]; }
   math::Vec3 second_edge() const { return corner[corners - 1] - corner[0]; }
-  math::Vec3 centre() const {
+  math::Vec3 center() const {
     return corners == 4 ? (corner[0] + corner[2]) * 0.5f
                         : (corner[0] + corner[1] + corner[2]) * (1 / 3.f);
   }

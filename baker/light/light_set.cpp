@@ -35,7 +35,7 @@ LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers)
 }
 
 bool LightSet::is_near(const AreaLight& l, math::Vec3 from, float ratio) {
-  return l.longest_edge_m > ratio * length(l.centre() - from);
+  return l.longest_edge_m > ratio * length(l.center() - from);
 }
 
 AreaLightSampler::Spherical::Spherical(const AreaLight& l, math::Vec3 from)

@@ -84,7 +84,7 @@ class LightSet {
   AreaLightSampler sampler_from(math::Vec3 point, const AreaLight& light) const {
     return {scene_, light, point};
   }
-  /// Whether the longest edge is more than `ratio` times the distance of the centre.
+  /// Whether the longest edge is more than `ratio` times the distance of the center.
   static bool is_near(const AreaLight&, math::Vec3 from, float ratio);
 
  private:

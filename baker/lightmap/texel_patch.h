@@ -37,7 +37,7 @@ struct TexelPatch {
   /// Cuts the patch out of a light, whose first entry stands for the texel `begin`. Sets
   /// head.bytes.
   static TexelPatch of(PatchHead head, const Lightmap& light, std::uint32_t begin);
-  std::string serialised() const;
+  std::string serialized() const;
 };
 
 /// What a patch of a certain pass has to be. Bytes from outside are held against it.

@@ -12,7 +12,7 @@ namespace kiln::sampling {
 /// in the order in which it is traced, packets of sixteen. Runs that begin at a multiple of their
 /// length, a power of two, are nets, and together with the runs before them again a net.
 struct DirectionSet {
-  /// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
+  /// From this many samples on, sixteen neighboring strata make a narrow cone of rays.
   static constexpr std::uint32_t kCoherentSamples = 256;
 
   std::vector<std::uint32_t> x, y;  ///< of its points, fractions of 2^32, padded to whole packets

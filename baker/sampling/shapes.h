@@ -21,7 +21,7 @@ struct Frame {
 };
 
 /// Unit direction about +z with density cosθ/π. Shirley and Chiu's concentric map: it takes
-/// neighbouring squares to compact solid angles.
+/// neighboring squares to compact solid angles.
 math::Vec3 cosine_direction(math::Vec2 u);
 
 /// Uniform point of a triangle as weights of its second and third vertex.

@@ -64,8 +64,8 @@ using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const st
 
 /// Sixteen flat lights.
 struct alignas(64) LightGroup {
-  float centre[3][16], normal[3][16];
-  float radius[16];  ///< from the centre to the farthest corner, m
+  float center[3][16], normal[3][16];
+  float radius[16];  ///< from the center to the farthest corner, m
   float power[16];   ///< luminance times area, cd; 0 in lanes without a light
   float back[16];    ///< -1 where it shines to both sides, else 1
 };
@@ -98,7 +98,7 @@ struct TexelGrid {
   static constexpr std::int32_t kWhole = 1 << 30;
 
   /// All pages in one row, row by row: index of the texel, -1 where there is none. kWhole is added
-  /// where the block of the texel with its right, lower and diagonal neighbours is covered wholly
+  /// where the block of the texel with its right, lower and diagonal neighbors is covered wholly
   /// by one chart.
   const std::int32_t* cells = nullptr;
   const PlacedTriangle* triangles = nullptr;

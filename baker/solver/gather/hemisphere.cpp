@@ -34,7 +34,7 @@ struct TexelSamples {
     turn_ = (key >> 4) % 16, jitter_ = sampling::to_unit(sampling::hash(key, 1));
   }
   /// For the choice of a tap at the hit of point `p`: stratified over the packet, whose rays meet
-  /// neighbouring texels where it is coherent.
+  /// neighboring texels where it is coherent.
   float pick(std::uint32_t p) const { return (float(p ^ turn_) + jitter_) * (1.f / 16); }
 
  private:

@@ -47,7 +47,7 @@ class OutgoingRadiosity {
   struct Repair {
     std::uint32_t texel = 0;
     std::uint32_t count = 0;
-    std::array<std::uint32_t, 8> neighbour{};
+    std::array<std::uint32_t, 8> neighbor{};
   };
 
   const World& world_;

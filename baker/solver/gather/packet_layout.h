@@ -21,12 +21,12 @@ class PacketLayout {
   const char* name() const;
   /// Texels whose rays share a packet.
   std::uint32_t texels() const;
-  /// Whether the directions of one texel are put in an order that keeps neighbours together.
+  /// Whether the directions of one texel are put in an order that keeps neighbors together.
   bool sorts_directions() const;
   /// Bits of the coordinates of a direction that all texels of a tile scramble alike. Each has the
   /// same cells of the hemisphere then, one after the other, and places its own directions inside
   /// them: its samples are a scrambled net of its own, whose errors are its own as well. There are
-  /// two directions to a cell, one of either half of the samples, so that the halves of neighbours
+  /// two directions to a cell, one of either half of the samples, so that the halves of neighbors
   /// don't differ alike.
   std::uint32_t shared_x() const { return shared_x_; }
   std::uint32_t shared_y() const { return shared_y_; }

@@ -11,13 +11,13 @@ namespace kiln::denoise {
 
 /// The texels around each texel on the surface: those of its own chart by their place on the page,
 /// and where the chart ends those that go on behind its edge, by their place in the world.
-class SurfaceNeighbours {
+class SurfaceNeighbors {
  public:
   static constexpr int kReach = 2, kSide = 2 * kReach + 1, kCount = kSide * kSide;
   static constexpr int kSelf = kCount / 2;
   using Around = std::array<std::int32_t, kCount>;
 
-  explicit SurfaceNeighbours(const atlas::TextureGroup& texels) : texels_(texels) {}
+  explicit SurfaceNeighbors(const atlas::TextureGroup& texels) : texels_(texels) {}
   /// Looks for what lies behind the charts' edges. False when stopped.
   bool link(const exec::Workers&);
 

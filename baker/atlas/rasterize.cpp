@@ -310,7 +310,7 @@ class Rasterizer {
 
 }  // namespace
 
-proto::Expected<TextureGroup> rasterise(const scene::Scene& scene, const Atlas& atlas,
+proto::Expected<TextureGroup> rasterize(const scene::Scene& scene, const Atlas& atlas,
                                         std::stop_token stop, std::size_t max_fragments,
                                         exec::ThreadPool* pool) {
   return Rasterizer(scene, atlas, std::move(stop), pool).run(max_fragments);
