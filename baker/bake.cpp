@@ -162,7 +162,8 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   const PreparedBake& bake = **prepared;
   count_texels(*bake.atlas, *bake.texels, manifest.statistics);
 
-  // Better now than after hours; a bake of less time than that learns it at its end.
+  // A missing image module is reported now rather than after hours. A bake that gets here before
+  // the module is open learns of it at its end.
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
     if (auto ok = images.get(); !ok) return Unexpected(ok.error());
 
@@ -189,8 +190,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
                                    *bake.texels, *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
-  if (!checkpoints.writer().flush())
-    return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  if (!checkpoints.writer().flush()) return proto::canceled();
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)
     observer.on_warning(manifest.warnings[i]);
   reporter.leave();

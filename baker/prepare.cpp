@@ -38,7 +38,7 @@ proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader& source,
   enter("solve");
   const exec::Workers workers{pool, stop};
   bake->lights.emplace(bake->scene, &workers);
-  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  if (stop.stop_requested()) return proto::canceled();
   auto rays = trace::RayScene::build(bake->scene, stop);
   if (!rays) return proto::Unexpected(rays.error());
   bake->rays.emplace(std::move(*rays));
