@@ -28,7 +28,7 @@ nlohmann::json figures(const output::CompareResult& r) {
 
 void print_figures(const output::CompareResult& r) {
   std::printf("texels compared   %llu\n", static_cast<unsigned long long>(r.texels));
-  std::printf("lit in A only      %llu\n", static_cast<unsigned long long>(r.uncovered));
+  std::printf("lit in A only     %llu\n", static_cast<unsigned long long>(r.uncovered));
   std::printf("mean of A         %.6g\n", r.mean_reference);
   std::printf("RMSE              %.6g\n", r.rmse);
   std::printf("nRMSE             %.6g   (RMSE / mean of A)\n", r.nrmse);
