@@ -29,7 +29,7 @@ BouncePlan::Bounce BouncePlan::next(std::span<const proto::PassReport> done) con
   const auto bounces = std::uint32_t(done.size()) - first_;
   Bounce bounce;
   bounce.last = bounces + 1 == limit_;
-  double share = 1;  // of what is reflected, in what the first bounce reflects
+  double share = 1;  // share of what is reflected, in what the first bounce reflects
   if (bounces > 0) {
     const double ratio = bounces > 1 ? update(done.back()) / update(done[done.size() - 2]) : 0;
     if (!bounce.last) end_if_converged(done.back().residual, ratio, limit_ - bounces, bounce);
