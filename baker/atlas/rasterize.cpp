@@ -303,9 +303,9 @@ class Rasterizer {
   SetupCache setups_;
   TextureGroup group_;
   std::vector<StrayArea> stray_areas_;
-  std::vector<Fragment> fragments_;         // of the texels that wait for fill_texels()
+  std::vector<Fragment> fragments_;         // fragments of the texels that wait for fill_texels()
   std::vector<std::size_t> fragment_ends_;  // one per such texel
-  std::vector<ChartFragment> by_chart_;     // of the texel at hand
+  std::vector<ChartFragment> by_chart_;     // fragments of the texel at hand
 };
 
 }  // namespace

@@ -46,26 +46,26 @@ struct Luminances {
 constexpr std::size_t kFilters = 4;
 using Errors = std::array<float, kFilters>;
 
-/// Outer product of a row of five weights.
+/// Returns the outer product of a row of five weights.
 constexpr std::array<float, kCount> kernel(std::array<float, 5> row) {
   std::array<float, kCount> k{};
   for (int i = 0; i < kCount; ++i)
     k[std::size_t(i)] = row[std::size_t(i % 5)] * row[std::size_t(i / 5)];
   return k;
 }
-/// Cubic B-spline, and a tent.
+/// The kernels are a cubic B-spline and a tent.
 constexpr std::array<float, kCount> kNarrow =
     kernel({1 / 16.f, 4 / 16.f, 6 / 16.f, 4 / 16.f, 1 / 16.f});
 constexpr std::array<float, kCount> kWide = kernel({1 / 9.f, 2 / 9.f, 3 / 9.f, 2 / 9.f, 1 / 9.f});
 
-/// What each filter leaves of the variance at least: the sum of its squared weights, where all
-/// texels around are alike.
+/// The least share of the variance that each filter leaves: the sum of its squared weights, when
+/// all texels around are alike.
 constexpr Errors kLeft{1, 0.075f, 0.055f, 0.033f};
 
 /// Weights of the texels around, in 255ths; 255 for the texel itself.
 using Weights = std::array<std::uint8_t, kCount>;
 
-/// How far the surface at `n` goes on from that at `t`.
+/// Returns how well the surface at `n` continues that at `t`.
 std::uint8_t similarity(const atlas::TextureGroup& texels, const lightmap::Plane<float>& validity,
                         std::uint32_t t, std::uint32_t n) {
   const auto is_hidden = [&](std::uint32_t i) { return validity[i] < lightmap::kValidShare; };
@@ -77,20 +77,20 @@ std::uint8_t similarity(const atlas::TextureGroup& texels, const lightmap::Plane
   const float size2 = texels.area_m2[t] / texels.coverage[t];
   constexpr float kFarTexels = 8;
   if (dot(d, d) > kFarTexels * kFarTexels * size2) return 0;
-  // Out of the plane by half a texel halves the weight, by two it is next to nothing.
+  // Half a texel out of the plane halves the weight; two texels leave next to none.
   const float off = dot(d, a) * dot(d, a) + dot(d, b) * dot(d, b);
   const float fall = size2 > 0 ? 1 + 2 * off / size2 : 1;
   return std::uint8_t(255 * std::min(1.f, turn / (fall * fall)) + 0.5f);
 }
 
-/// The texels around each that are alike.
+/// Holds the texels around each texel that are alike.
 class SimilarityWeights {
  public:
   SimilarityWeights(const atlas::TextureGroup& texels, const SurfaceNeighbors& neighbors,
                     const lightmap::Lightmap& light)
       : texels_(texels), neighbors_(neighbors), light_(light), weight_(texels.size()) {}
 
-  /// To be called of every texel before the others are of use.
+  /// Fills the weights of a texel. It is called for every texel before visit() is of use.
   void compare(std::uint32_t t) {
     const auto around = neighbors_.of(t);
     for (std::size_t k = 0; k < kCount; ++k)
@@ -114,8 +114,8 @@ class SimilarityWeights {
   std::vector<Weights> weight_;
 };
 
-/// The filters over one signal, in steps; each reads what the steps before left of the texels
-/// around.
+/// Applies the filters to one signal, in steps. Each step reads what the steps before left of the
+/// texels around.
 template <class Color>
 class Filtering {
  public:
@@ -128,7 +128,7 @@ class Filtering {
     none_[t] = {all + spread, all - spread};
   }
 
-  /// How the halves say that the light varies, averaged over the texels around.
+  /// Returns the variance of the light by its two halves, averaged over the texels around.
   float variance(std::uint32_t t) const {
     float sum = 0, weight = 0;
     around_.visit(t, [&](std::size_t, std::uint32_t n, float w) {
@@ -186,8 +186,8 @@ class Filtering {
   };
   Chosen choose(std::uint32_t t) const {
     Errors e = mean(smooth_errors_, t);
-    // By chance the errors told of a filter come out below what it leaves of the noise, even below
-    // zero; that of no filter is the variance itself.
+    // By chance the estimated error of a filter falls below the noise that it leaves, even below
+    // zero. The error of no filter is the variance itself.
     for (std::size_t c = 0; c < kFilters; ++c) e[c] = std::max(e[c], kLeft[c] * e[0]);
     const float least = *std::min_element(e.begin(), e.end());
     const std::array<Color, kFilters> filtered{color_[t], narrowed(color_, t), wide_color_[t],
@@ -207,8 +207,8 @@ class Filtering {
   }
 
  private:
-  /// Through the narrow filter. The colors of the narrow filters are made where they are used:
-  /// they would be half of the memory.
+  /// Applies the narrow filter. The colors of the narrow filters are computed on use, since they
+  /// would be half of the memory.
   Color narrowed(const std::vector<Color>& color, std::uint32_t t) const {
     Color sum{};
     float weight = 0;
@@ -218,7 +218,7 @@ class Filtering {
     return Color{}.add(1 / weight, sum);
   }
 
-  /// Over the texels around.
+  /// Returns the mean of the errors over the texels around.
   Errors mean(const std::vector<Errors>& errors, std::uint32_t t) const {
     Errors sum{};
     float weight = 0;
@@ -239,9 +239,10 @@ class Filtering {
 /// Runs a step over all texels; false when stopped.
 using Each = std::function<bool(const std::function<void(std::uint32_t)>&)>;
 
-/// Filters a signal, or, if it is not to be smoothed, tells its variance.
+/// Filters a signal, or only estimates its variance when it is not to be smoothed.
 /// @param set puts the light of a texel into the signal
-/// @param put takes the filtered light; @param put_variance the variance alone
+/// @param put takes the filtered light
+/// @param put_variance takes the variance
 template <class Color, class Set, class Put, class PutVariance>
 bool filter(Filtering<Color> signal, const Each& each, bool smooth, const Set& set, const Put& put,
             const PutVariance& put_variance) {

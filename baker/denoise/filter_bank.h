@@ -44,7 +44,7 @@ class FilterBank {
         smooth_(smooth),
         has_sky_map_(has_sky_map) {}
 
-  /// Nothing when stopped.
+  /// Returns nothing when stopped.
   std::optional<FilteredLight> run(const lightmap::Lightmap&, const exec::Workers&);
 
  private:

@@ -142,7 +142,7 @@ bool SurfaceNeighbors::link(const exec::Workers& workers) {
 
 SurfaceNeighbors::Around SurfaceNeighbors::of(std::uint32_t texel) const {
   if (edge_[texel] != kInside) return linked_[edge_[texel]];
-  // All of one chart and inside the page.
+  // All texels are of one chart and inside the page.
   const atlas::TextureGroup::Page& page = texels_.pages[texels_.page[texel]];
   const std::int32_t* corner = page.texel_at.data() +
                                (std::size_t(texels_.y[texel]) - kReach) * page.width +

@@ -18,7 +18,7 @@ class SurfaceNeighbors {
   using Around = std::array<std::int32_t, kCount>;
 
   explicit SurfaceNeighbors(const atlas::TextureGroup& texels) : texels_(texels) {}
-  /// Looks for what lies behind the charts' edges. False when stopped.
+  /// Looks for what lies behind the charts' edges. Returns false when stopped.
   bool link(const exec::Workers&);
 
   /// The square of texels around one, row by row, itself in the middle; kNoTexel where there is
@@ -28,7 +28,7 @@ class SurfaceNeighbors {
  private:
   const atlas::TextureGroup& texels_;
   std::vector<std::uint32_t> edge_;  ///< per texel: its place in `linked_`, or kInside
-  std::vector<Around> linked_;       ///< of texels near an edge
+  std::vector<Around> linked_;       ///< the texels around each texel near an edge
 };
 
 }  // namespace kiln::denoise

@@ -12,7 +12,7 @@
 
 namespace kiln::exec {
 
-/// What the batches of one pass do, for a queue that decides where and in which order they run. A
+/// Runs the batches of one pass for a queue, which decides where and in which order they run. A
 /// queue calls for each batch either run(), in this process, or take() with the bytes that
 /// compute() gave for it in another process, which holds the same inputs.
 class BatchWork {

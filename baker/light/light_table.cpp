@@ -7,14 +7,14 @@
 namespace kiln::light {
 namespace {
 
-/// Share of the choice that goes by power alone.
+/// The share of the choice that goes by power alone.
 constexpr double kDefensiveShare = 0.02;
 
 void put(float (&lanes)[3][16], std::size_t i, math::Vec3 v) {
   lanes[0][i] = v.x, lanes[1][i] = v.y, lanes[2][i] = v.z;
 }
 
-/// The low 21 bits of `v`, each third bit.
+/// Spreads the low 21 bits of `v`, each to every third bit.
 std::uint64_t spread(std::uint64_t v) {
   v &= 0x1fffff;
   v = (v | v << 32) & 0x1f00000000ffffull;
@@ -24,7 +24,7 @@ std::uint64_t spread(std::uint64_t v) {
   return (v | v << 2) & 0x1249249249249249ull;
 }
 
-/// Indices of the lights by their centers along Morton's curve.
+/// Returns the indices of the lights, ordered by their centers along Morton's curve.
 std::vector<std::uint32_t> morton_order(std::span<const AreaLight> lights) {
   math::Vec3 low{INFINITY, INFINITY, INFINITY}, high{-INFINITY, -INFINITY, -INFINITY};
   for (const AreaLight& l : lights) {

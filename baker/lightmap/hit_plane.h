@@ -21,7 +21,7 @@ class HitPlane {
   HitPlane() = default;
   HitPlane(std::uint32_t texels, std::uint32_t words);
 
-  /// Texels; 0 after drop().
+  /// Returns the number of texels; 0 after drop().
   std::uint32_t size() const { return words_ ? texels_ : 0; }
   std::uint32_t words_per_texel() const { return per_texel_; }
   std::span<const std::uint32_t> of(std::uint32_t texel) const {
@@ -29,7 +29,7 @@ class HitPlane {
   }
   std::uint32_t* data() { return words_.get(); }
 
-  /// The bytes of the texels [first, last).
+  /// Returns the bytes of the texels [first, last).
   std::size_t texel_bytes() const { return words_ ? per_texel_ * sizeof(std::uint32_t) : 0; }
   std::span<const std::byte> bytes(std::uint32_t first, std::uint32_t last) const {
     return std::as_bytes(words(first, last));

@@ -143,7 +143,8 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
   for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
   const bool triangle = light.corners == 3;
   const int opposite = triangle ? 2 : 3;
-  // Read here: a read under the condition below would keep the loop from being vectorized.
+  // This is read here, since a read under the condition below would keep the loop from being
+  // vectorized.
   const float area = light.area_m2;
   for (int i = 0; i < kLanes; ++i) {
     const float u = unit(scramble(px[i], seed_x)), v = unit(scramble(py[i], seed_y));

@@ -45,7 +45,7 @@ proto::Expected<std::unique_ptr<LitDocument>> LitDocument::open(const files::Sce
   return doc;
 }
 
-/// Moves all data into buffer 0. A buffer without data, a fallback that nobody reads, stays a
+/// Moves all data into buffer 0. A buffer without data, a fallback that no reader uses, stays a
 /// buffer.
 void LitDocument::merge_buffers() {
   const auto& buffers = source_.buffers;
