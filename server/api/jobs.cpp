@@ -65,7 +65,8 @@ std::string etag_of(std::uint64_t version) {
   return "\"" + std::to_string(version) + "\"";
 }
 
-// The only member of an optional body, one of a few words; the first of them when it is not there.
+// Reads the only member of an optional body, one of a few words; the first of them when it is not
+// there.
 proto::Expected<std::string> read_choice(const std::optional<nlohmann::json>& body,
                                          const char* name, const std::vector<std::string>& words) {
   if (!body) return words.front();

@@ -120,7 +120,7 @@ proto::Expected<void> MultipartReader::feed(std::string_view bytes) {
     if (!more) return proto::Unexpected(more.error());
     if (!*more) break;
   }
-  // What is kept is short, and so is its memory: thousands of bodies may be arriving.
+  // The kept text is short, and so is its memory: thousands of bodies may be arriving.
   std::string(buffer_, at_).swap(buffer_);
   at_ = 0;
   return {};
@@ -197,7 +197,7 @@ MultipartReader::Step MultipartReader::read_body() {
   if (!whole && buffer_.size() - at_ < delimiter_.size()) return false;
   if (body_begins_ && (!whole || found > at_)) at_ += 2;
   body_begins_ = false;
-  // Without the delimiter, hold back what may be its beginning.
+  // Without the delimiter, this holds back what may be its beginning.
   const std::size_t end = whole ? found : buffer_.size() - (delimiter_.size() - 1);
   if (end > at_) {
     if (auto ok = sink_.data(std::string_view(buffer_).substr(at_, end - at_)); !ok)
