@@ -90,7 +90,7 @@ class Rasterizer {
       if (!sweep.next()) {
         if (stop_.stop_requested()) return exec::canceled();
         return proto::fail("limit_exceeded",
-                           "too many triangles meet in eight rows of a lightmap page");
+                           "Too many triangles meet in eight rows of a lightmap page.");
       }
       add_band(sweep);
       if (fragments_.size() >= kWaitingFragments && !fill_texels()) return exec::canceled();

@@ -89,8 +89,8 @@ proto::Expected<std::string> generate_glb(std::string_view name, std::uint32_t d
     if (!names.empty()) names += ", ";
     names += g.info.name;
   }
-  return proto::fail("unknown_generator", "no generated scene is called '" + std::string(name) +
-                                              "'; there are: " + names);
+  return proto::fail("unknown_generator", "No generated scene is called '" + std::string(name) +
+                                              "'; there are: " + names + ".");
 }
 
 }  // namespace kiln::generate

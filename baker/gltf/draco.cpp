@@ -218,7 +218,7 @@ class DracoUnpacker {
     if (lacking->empty() && !(indices && lacks_data(*indices))) return {};
     if (count_at(primitive, "mode", 4) != 4)
       return proto::fail("unsupported_extension",
-                         "of what Draco compresses only triangles are read", "scene", at_);
+                         "a mesh that Draco compressed must consist of triangles", "scene", at_);
     if (!indices) return wrong("a compressed primitive needs indices");
     request.indices = count_at(*indices, "count", 0).value_or(0);
     request.index_type = component_type(*indices);

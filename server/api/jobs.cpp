@@ -200,7 +200,7 @@ http::Response delete_job(const Jobs& part, http::Request& request) {
   if (force && *force != "true" && *force != "false")
     return problem({"bad_request",
                     "`force` has to be true or false.",
-                    {{"request", "/query/force", "not true or false"}}},
+                    {{"request", "/query/force", "expected true or false"}}},
                    request);
   auto removed = part.control.remove(job->id, force && *force == "true");
   return removed ? no_content() : problem(removed.error(), request);

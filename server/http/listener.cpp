@@ -117,8 +117,9 @@ void Listener::on_events(Loop::Id, std::uint32_t) {
 void Listener::on_failure(int error) {
   constexpr milliseconds kShortage{100};
   if (is_lasting(error)) {
-    log_line(base::LogLevel::kError, "http.listen",
-             {{"server", name_}, {"what", std::strerror(error)}, {"then", "binding again"}});
+    log_line(
+        base::LogLevel::kError, "http.listen",
+        {{"server", name_}, {"what", std::strerror(error)}, {"then", "The listener binds again."}});
     suspend(milliseconds(0));
     socket_.reset();
   } else if (is_shortage(error)) {
