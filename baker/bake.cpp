@@ -84,7 +84,7 @@ progress::ProgressReporter::Listener progress_listener(BakeObserver& observer) {
           [&](const proto::JobProgress& p) { observer.on_progress(p); }};
 }
 
-/// Options and listener for the checkpoints of a bake.
+/// These return options and listener for the checkpoints of a bake.
 checkpoint::CheckpointWriter::Options checkpoint_options(const BakeInput& input, unsigned threads,
                                                          std::stop_token stop) {
   checkpoint::CheckpointWriter::Options options;
@@ -146,12 +146,12 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   manifest.settings = input.settings;
   progress::ProgressReporter reporter(progress_listener(observer), manifest.statistics.stages);
 
-  // Loading takes a third of a second, which passes beside other work.
+  // Loading the module takes a third of a second, which passes beside other work.
   std::future<Expected<void>> images;
   if (!input.settings.output.formats.empty())
     images = std::async(std::launch::async, image::open_module);
 
-  // 1. From the files to all that a method reads.
+  // 1. Make all that a method reads of the files.
   const auto source = source_of(input);
   const PrepareHooks hooks{[&](const char* stage) { reporter.enter(stage, fraction_at(stage)); },
                            [&](const scene::Scene& scene) {
@@ -167,7 +167,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
     if (auto ok = images.get(); !ok) return Unexpected(ok.error());
 
-  // 2. The passes, from where an earlier attempt ended.
+  // 2. Run the passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),
                                       checkpoint_listener(observer));
   const auto solver = make_solver(*bake.world);
@@ -181,7 +181,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   const std::size_t reported = manifest.warnings.size();
   warn_of_texels(manifest.statistics, double(bake.world->plan.target_error), manifest.warnings);
 
-  // 3. The files.
+  // 3. Write the files.
   reporter.enter("output", kSolvedAt);
   const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
     return source->write_lit(path, bake.scene, *bake.atlas, pages, std::move(until));

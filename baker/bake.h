@@ -78,9 +78,9 @@ struct BakeInput {
   exec::BatchQueue* queue = nullptr;
 };
 
-/// glTF in, result files out: import, atlas, solve, post, output. Same input and settings give the
-/// same bytes of image whatever the pool's size and the queue. Errors: those of the stages, and
-/// `canceled` within a second of a stop request.
+/// Bakes a glTF scene into result files: import, atlas, solve, post, output. Same input and
+/// settings give the same bytes of image whatever the pool's size and the queue. Errors: those of
+/// the stages, and `canceled` within a second of a stop request.
 proto::Expected<proto::Manifest> bake(const BakeInput&, exec::ThreadPool&, std::stop_token,
                                       BakeObserver&);
 

@@ -96,7 +96,7 @@ class PassBatches final : public exec::BatchWork {
     return apply_patch(*patch, after_);
   }
 
-  /// Those that have to run.
+  /// Returns the batches that have to run.
   std::vector<std::uint32_t> missing() const {
     std::vector<std::uint32_t> all(count_ - first_);
     std::iota(all.begin(), all.end(), first_);

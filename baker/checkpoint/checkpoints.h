@@ -14,7 +14,7 @@ class Checkpoints {
  public:
   struct Listener {
     std::function<void(const proto::PassReport&)> on_durable;  ///< see CheckpointWriter
-    /// `checkpoint_ignored` from find(), `checkpoint_failed` from the writer's thread.
+    /// Receives `checkpoint_ignored` from find(), and `checkpoint_failed` from the writer's thread.
     std::function<void(const proto::Warning&)> on_warning;
   };
   /// @param options an empty folder: there are no checkpoints

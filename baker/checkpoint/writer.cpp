@@ -11,7 +11,7 @@
 namespace kiln::checkpoint {
 namespace {
 
-/// Processor time per byte before any has been measured, seconds.
+/// The processor time per byte before any has been measured, seconds.
 constexpr double kUsualCost = 1.5e-9;
 
 /// From this size of light on, memory counts more than the time that a pass waits for the disk.

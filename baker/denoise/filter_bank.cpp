@@ -42,7 +42,7 @@ struct Luminances {
   }
 };
 
-/// none, the narrow filter, the wide one, and both in turn.
+/// The filters are none, the narrow one, the wide one, and both in turn.
 constexpr std::size_t kFilters = 4;
 using Errors = std::array<float, kFilters>;
 
@@ -62,7 +62,7 @@ constexpr std::array<float, kCount> kWide = kernel({1 / 9.f, 2 / 9.f, 3 / 9.f, 2
 /// all texels around are alike.
 constexpr Errors kLeft{1, 0.075f, 0.055f, 0.033f};
 
-/// Weights of the texels around, in 255ths; 255 for the texel itself.
+/// The weights of the texels around, in 255ths; 255 for the texel itself.
 using Weights = std::array<std::uint8_t, kCount>;
 
 /// Returns how well the surface at `n` continues that at `t`.
@@ -304,7 +304,7 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
         },
         put_variance);
   } else {
-    // Uniform over all directions, the sky has one color on all texels.
+    // A sky that is uniform over all directions has one color on all texels.
     const math::Rgb color = is_black(sky_) ? sky_ : sky_ * (1 / luminance(sky_));
     gathered = filter(
         Filtering<PlainColor>(around, count), each, smooth_,

@@ -17,7 +17,7 @@ float side_of(const atlas::TextureGroup& texels, std::uint32_t t) {
   return std::sqrt(texels.area_m2[t] / texels.coverage[t]);
 }
 
-/// Texels by the cube of the world that they lie in.
+/// Holds texels by the cube of the world that they lie in.
 class WorldGrid {
  public:
   WorldGrid(const atlas::TextureGroup& texels, const std::vector<std::uint32_t>& members,
@@ -51,7 +51,7 @@ class WorldGrid {
   };
 
   Cell cell_of(math::Vec3 p) const {
-    // Far beyond any atlas's resolution, all cells are one.
+    // This is far beyond any atlas's resolution; all cells are one then.
     const auto index = [&](float x) {
       return std::int64_t(std::clamp(std::floor(x * scale_), -1e9f, 1e9f));
     };

@@ -20,7 +20,8 @@ class BatchWork {
   virtual ~BatchWork() = default;
   /// Computes a batch in place. Different batches may run on different threads at once.
   virtual void run(std::uint32_t batch) = 0;
-  /// Computes a batch, leaves everything as it was, and returns what it brought. Any thread.
+  /// Computes a batch, leaves everything as it was, and returns what it brought. Any thread may
+  /// call it.
   virtual std::string compute(std::uint32_t batch) = 0;
   /// Takes in what compute() returned somewhere for this batch. The bytes come from outside and are
   /// checked. Any thread. Errors: those of the check.

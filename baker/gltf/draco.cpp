@@ -153,7 +153,7 @@ namespace {
 
 constexpr const char* kName = "KHR_draco_mesh_compression";
 
-/// Components of an accessor's element; 0 for a matrix.
+/// Returns the components of an accessor's element; 0 for a matrix.
 std::uint32_t components_of(const Json& accessor) {
   const auto type = accessor.find("type");
   if (type == accessor.end() || !type->is_string()) return 0;

@@ -24,9 +24,9 @@ class OpenedScene {
   OpenedScene(OpenedScene&&) noexcept;
   ~OpenedScene();
 
-  /// See check_scene().
+  /// Does what check_scene() says.
   proto::Expected<void> check(const proto::BakeSettings&, const std::stop_token&);
-  /// See import_files(); `sky_map` names the side file that is the sky map. Called once.
+  /// Does what import_files() says; `sky_map` names the side file that is the sky map. Called once.
   proto::Expected<scene::Scene> import(const std::optional<std::string>& sky_map,
                                        const std::stop_token&);
 

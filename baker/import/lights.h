@@ -23,8 +23,8 @@ proto::Expected<void> add_punctual_lights(scene::Scene&, gltf::Document&,
 proto::Expected<void> add_settings_lights(scene::Scene&, const proto::BakeSettings&,
                                           const std::stop_token&);
 
-/// `no_light` unless something emits. `emissive` tells whether a triangle with an emissive material
-/// was found.
+/// Returns the error `no_light` unless something emits. `emissive` tells whether a triangle with an
+/// emissive material was found.
 proto::Expected<void> require_light(const scene::Scene&, bool emissive, const proto::BakeSettings&);
 
 }  // namespace kiln::import

@@ -87,7 +87,7 @@ void LightChoice::weigh(const simd::Viewpoint& from) {
 void LightChoice::finish() {
   double total = 0;
   for (std::uint32_t g = 0; g < table_.groups(); ++g) {
-    // Four chains of additions, in a fixed order: one alone would wait for each.
+    // There are four chains of additions, in a fixed order: one alone would wait for each.
     double part[4] = {};
     for (std::uint32_t i = 0; i < kGroup; ++i) part[i % 4] += double(weight_[g * kGroup + i]);
     group_end_[g] = (part[0] + part[1]) + (part[2] + part[3]);

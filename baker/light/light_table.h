@@ -10,8 +10,8 @@
 
 namespace kiln::light {
 
-/// Area lights in groups of sixteen, for weighing many at once. Neighbors in the table are
-/// neighbors in space, so that draws spread over it spread over what hides lights, too. Immutable.
+/// Holds area lights in groups of sixteen, for weighing many at once. Neighbors in the table are
+/// neighbors in space, so that draws spread over it also spread over what hides lights. Immutable.
 class LightTable {
  public:
   /// @param power_share of each light, summing to 1

@@ -10,8 +10,8 @@ namespace kiln::lightmap {
 /// Hits below this value name a texel; the values from here on say what else a ray has met.
 inline constexpr std::uint32_t kFirstMiss = 0xfffffffdu;
 
-/// Several words per texel: what each of its gathering rays met, so that bounces look it up instead
-/// of tracing again. The words are zero, and take no memory, until they are first written.
+/// Holds several words per texel: what each of its gathering rays met, so that bounces look it up
+/// instead of tracing again. The words are zero, and take no memory, until they are first written.
 ///
 /// Copies share the words, and writers do not detach them: a copy would double what is by far the
 /// largest plane. Each texel is therefore written by one pass only, and is read by later ones.

@@ -46,7 +46,8 @@ struct Lightmap {
   Plane<math::Rgb> radiosity;
   /// 1 where rays of the texel's own gather, 0 where the light is interpolated from texels around.
   Plane<std::uint8_t> gathers;
-  /// Per direction a texel, or what else the ray met. Dropped once all bounces are there.
+  /// The texel that each direction met, or what else the ray met. Dropped once all bounces are
+  /// there.
   HitPlane hits;
 
   Lightmap() = default;

@@ -39,7 +39,7 @@ class EtaEstimator {
 
     bool any() const;
     Rates rates() const;
-    /// `seconds` for `work`, shared out by the rates so far.
+    /// Adds `seconds` for `work`, shared out by the rates so far.
     void add(const solver::Work& work, double seconds);
   };
 

@@ -56,12 +56,14 @@ class AdaptiveSampling {
   std::uint32_t more_shadow_rays(std::uint32_t had) const;
   std::uint32_t more_directions(std::uint32_t had) const;
 
-  /// Expected effort of every texel. Most texels take no directions where they are gathered
-  /// coarsely.
+  /// Returns the expected effort of every texel. Most texels take no directions when they are
+  /// gathered coarsely.
   Work cost(double shadow_rays, double directions) const;
   Work cost(WantedDoublings, std::uint32_t shadow_rays, std::uint32_t directions) const;
-  /// Expected effort until an error that is `over` times the target has come down to it.
-  /// @param direct variance of direct light, @param gathered of the rest: what is large matters
+  /// Returns the expected effort until an error that is `over` times the target has come down to
+  /// it.
+  /// @param direct variance of direct light
+  /// @param gathered variance of the rest: what is large matters
   Work work_to_target(double over, double direct, double gathered, std::uint32_t shadow_rays,
                       std::uint32_t directions) const;
   /// Returns all doublings that the target takes by the measure rms, for every tile.

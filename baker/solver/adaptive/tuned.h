@@ -19,7 +19,7 @@ inline constexpr double kExpectedSlope = 0.47;
 // Chosen on the scenes of scripts/bench so that few rounds follow and few samples are wasted.
 /// A part of the light takes more samples where it has this share of the variance or more.
 inline constexpr float kMinVarianceShare = 0.25f;
-/// Doublings of one round.
+/// The most doublings of one round.
 inline constexpr double kMostDoublings = 3;
 /// A round by the measure rms aims this far below the target, so that no further round follows for
 /// a small rest.

@@ -179,7 +179,7 @@ sampling::Estimate bright_sky(const World& world, const Footprint& at, std::uint
   return shadows.take_estimate();
 }
 
-/// Many lights: the texels of a tile choose among them alike.
+/// When there are many lights, the texels of a tile choose among them alike.
 class ManyLights {
  public:
   explicit ManyLights(const World& world)
@@ -258,8 +258,8 @@ class ManyLights {
   std::array<std::vector<std::size_t>, kLightTileTexels> around_;  ///< what each pilot stands for
 };
 
-/// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the
-/// others share what is left.
+/// When there are few lights, those that earn whole packets of the samples are lamps with a closed
+/// form each; the others share what is left.
 class FewLights {
  public:
   explicit FewLights(const World& world) : world_(world), polygon_(world) {

@@ -33,7 +33,7 @@ class PolygonLight {
   View view(const light::AreaLight&, const Footprint&, const simd::PointFrames&,
             std::uint32_t points = Footprint::kPoints) const;
 
-  /// Irradiance per unit radiance, with half the difference between two halves of the rays.
+  /// The irradiance per unit radiance, with half the difference between two halves of the rays.
   struct Arrived {
     float irradiance = 0, spread = 0;
   };

@@ -11,7 +11,7 @@ constexpr std::uint32_t kPacket = 16;
 /// leaves a third of the look-ups.
 constexpr double kSmallShare = 0.125;
 
-/// Mean change of the light by a pass, lx.
+/// Returns the mean change of the light by a pass, lx.
 double update(const proto::PassReport& pass) {
   return pass.residual * pass.mean_lx;
 }

@@ -36,7 +36,7 @@ struct Sums {
   sampling::HalfSums direct, sky, indirect;
 };
 
-/// Sixteen paths of one texel, followed in step.
+/// Follows sixteen paths of one texel in step.
 class PathBundle {
  public:
   PathBundle(const World& world, std::uint32_t texel)
