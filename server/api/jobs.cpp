@@ -19,7 +19,7 @@ using proto::fail;
 constexpr std::uint32_t kDefaultPage = 50, kMaxPage = 200;
 constexpr std::size_t kMaxLabelFilters = 8;
 
-// ?state=&label=name:value&limit=&cursor=
+// Reads the query ?state=&label=name:value&limit=&cursor=
 Expected<store::JobFilter> read_filter(const http::Request& request) {
   store::JobFilter filter;
   if (const std::string* state = request.head.query_value("state")) {

@@ -14,7 +14,7 @@
 
 namespace kiln::http {
 
-/// Tasks that other threads leave for a loop. It may outlive the loop. Thread-safe.
+/// Holds tasks that other threads leave for a loop. It may outlive the loop. Thread-safe.
 class Inbox {
  public:
   using Task = std::function<void()>;

@@ -37,7 +37,7 @@ std::optional<std::string> take_value(std::string_view& rest) {
   return std::nullopt;
 }
 
-// `type; key=value; key="value"` as a map with lower-case keys; the bare type under "".
+// Parses `type; key=value; key="value"` into a map with lower-case keys; the bare type is under "".
 std::optional<Parameters> parse_parameters(std::string_view text) {
   Parameters parameters;
   const auto first = text.find(';');
@@ -61,7 +61,7 @@ std::optional<Parameters> parse_parameters(std::string_view text) {
   }
 }
 
-// RFC 8187: charset'language'percent-encoded. UTF-8 only.
+// Decodes the form of RFC 8187, charset'language'percent-encoded. Only UTF-8 is taken.
 std::optional<std::string> decode_extended(std::string_view text) {
   const auto first = text.find('\'');
   const auto second = first == std::string_view::npos ? first : text.find('\'', first + 1);

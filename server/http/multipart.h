@@ -24,9 +24,9 @@ struct PartSink {
   std::function<proto::Expected<void>()> end;
 };
 
-/// Incremental parser of multipart/form-data (RFC 7578): memory is bounded by the longest part
-/// head, whatever comes. (The library's own parser takes 0.4 s of regular expression per 8 KiB
-/// header.) Errors: `bad_request`.
+/// Parses multipart/form-data (RFC 7578) incrementally: memory is bounded by the longest part head,
+/// whatever comes. (The library's own parser takes 0.4 s of regular expression per 8 KiB header.)
+/// Errors: `bad_request`.
 class MultipartReader {
  public:
   static constexpr std::size_t kMaxPartHead = std::size_t{8} * 1024;

@@ -58,8 +58,8 @@ struct Usage {
   double cpu_seconds = 0;
 };
 
-/// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
-/// mutex. Throws DatabaseError.
+/// Stores jobs, their events and results in SQLite. There is one writer and one reader connection,
+/// each behind its mutex. Throws DatabaseError.
 class JobStore {
  public:
   /// Opens or creates the file and migrates its schema. Throws when it was written by a later
