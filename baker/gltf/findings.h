@@ -16,8 +16,8 @@ inline proto::Unexpected invalid(const std::string& why, const std::string& poin
   return proto::fail("invalid_scene", why, "scene", pointer);
 }
 
-/// Returns the error that the scene asks for more than one of the ImportLimits allows: `name` is the limit's, as
-/// GET /v1/capabilities has it.
+/// Returns the error that the scene asks for more than one of the ImportLimits allows: `name` is
+/// the limit's, as GET /v1/capabilities has it.
 inline proto::Unexpected over_limit(const std::string& what, std::uint64_t limit, const char* name,
                                     const std::string& pointer) {
   return proto::fail(
