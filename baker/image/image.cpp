@@ -20,6 +20,20 @@ using proto::Unexpected;
 
 constexpr const char* kModuleFile = "liblightkiln-image.so";
 
+/// The shared libraries behind the module, each after those that it needs. The build lists them with
+/// scripts/load-order.
+constexpr const char* kLibraries[] = {
+#include <image_load_order.inc>
+};
+
+/// Opens the libraries behind the module one by one. Each looks its symbols up among the few that
+/// it needs; opened with the module they all search all 260, which takes 0.36 s instead of 0.2 s
+/// (process time of a program that opens the module and ends). A library that can't be opened on
+/// its own is left to the module.
+void open_libraries() {
+  for (const char* const name : kLibraries) ::dlopen(name, RTLD_NOW | RTLD_LOCAL);
+}
+
 /// The first of module_paths() that is there.
 Expected<const Module*> load() {
   std::error_code error;
@@ -34,6 +48,7 @@ Expected<const Module*> load() {
     for (const fs::path& path : paths) all += (all.empty() ? "" : " nor ") + path.string();
     return broken("there is neither " + all);
   }
+  open_libraries();
   void* const library = ::dlopen(found->c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) {
     const std::string why = ::dlerror();  // names the file, or another that it needs

@@ -17,7 +17,7 @@ namespace kiln::image {
 
 // Encoded pictures, from and to memory. Headers are read here; pixels by OpenImageIO, which is
 // opened at first use: it lies in liblightkiln-image.so, beside the program or in ../lib/lightkiln,
-// and takes a third of a second. All functions are safe to call from many threads. Those that
+// and takes a fifth of a second. All functions are safe to call from many threads. Those that
 // decode or encode have the error `internal` when the module can't be opened; it names the file.
 
 /// Of a file by its first bytes; nothing for all others, which nothing here reads.
