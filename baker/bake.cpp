@@ -84,7 +84,7 @@ progress::ProgressReporter::Listener progress_listener(BakeObserver& observer) {
           [&](const proto::JobProgress& p) { observer.on_progress(p); }};
 }
 
-/// Options and listener for the checkpoints of a bake.
+/// These return options and listener for the checkpoints of a bake.
 checkpoint::CheckpointWriter::Options checkpoint_options(const BakeInput& input, unsigned threads,
                                                          std::stop_token stop) {
   checkpoint::CheckpointWriter::Options options;
@@ -151,7 +151,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   if (!input.settings.output.formats.empty())
     images = std::async(std::launch::async, image::open_module);
 
-  // 1. From the files to all that a method reads.
+  // 1. Make all that a method reads of the files.
   const auto source = source_of(input);
   const PrepareHooks hooks{[&](const char* stage) { reporter.enter(stage, fraction_at(stage)); },
                            [&](const scene::Scene& scene) {
@@ -162,11 +162,12 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   const PreparedBake& bake = **prepared;
   count_texels(*bake.atlas, *bake.texels, manifest.statistics);
 
-  // Better now than after hours; a bake of less time than that learns it at its end.
+  // A missing image module is reported now rather than after hours. A bake that gets here before
+  // the module is open learns of it at its end.
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
     if (auto ok = images.get(); !ok) return Unexpected(ok.error());
 
-  // 2. The passes, from where an earlier attempt ended.
+  // 2. Run the passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),
                                       checkpoint_listener(observer));
   const auto solver = make_solver(*bake.world);
@@ -180,7 +181,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   const std::size_t reported = manifest.warnings.size();
   warn_of_texels(manifest.statistics, double(bake.world->plan.target_error), manifest.warnings);
 
-  // 3. The files.
+  // 3. Write the files.
   reporter.enter("output", kSolvedAt);
   const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
     return source->write_lit(path, bake.scene, *bake.atlas, pages, std::move(until));
@@ -189,8 +190,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
                                    *bake.texels, *solution->light, solution->filtered};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
-  if (!checkpoints.writer().flush())
-    return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  if (!checkpoints.writer().flush()) return proto::canceled();
   for (std::size_t i = reported; i < manifest.warnings.size(); ++i)
     observer.on_warning(manifest.warnings[i]);
   reporter.leave();

@@ -9,7 +9,7 @@
 
 namespace kiln::baker {
 
-/// What a method takes in memory beside the light that every method has, for preflight. Bytes.
+/// The memory of a method beside the light that every method has, for the preflight. Bytes.
 struct MethodMemory {
   double all_passes = 0;      ///< until the light has all its bounces
   double texel_state = 0;     ///< per texel: planes of the method's own
@@ -30,11 +30,11 @@ struct Method {
   const char* name() const { return proto::to_string(id); }
 };
 
-/// All methods, in the order of their ids.
+/// Returns all methods, in the order of their ids.
 std::span<const Method> methods();
 const Method& method_of(proto::Method);
 
-/// The solver, and the plan of samples, of the method that the settings name.
+/// Make the solver, and the plan of samples, of the method that the settings name.
 std::unique_ptr<solver::Solver> make_solver(const solver::World&);
 solver::SamplePlan sample_plan(const proto::SolverSettings&, const proto::QualitySettings&,
                                bool many_lights = false);

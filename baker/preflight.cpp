@@ -14,7 +14,7 @@ namespace {
 constexpr double kSurface = 190;         ///< TextureGroup
 constexpr double kSignal = 29 + 24 + 8;  ///< FilterBank, and what judges it
 constexpr double kSmoothing = 64;        ///< FilterBank when it smooths
-constexpr double kSkyColours = 32;       ///< more of that, with a sky map
+constexpr double kSkyColors = 32;        ///< more of that, with a sky map
 constexpr double kVariance = 8;          ///< FilteredLight
 constexpr double kSmoothed = 36;         ///< its light, unless it is the Lightmap's
 // Bytes per triangle: ray tracing, look-ups, charts.
@@ -102,7 +102,7 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const double base = texels * (kSurface + light);
   const double bouncing = base + own.all_passes + texels * own.texel_pass;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
-  const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColours);
+  const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColors);
   const double filtering =
       base + filtered + texels * (own.texel_complete + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;

@@ -31,14 +31,14 @@ proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader& source,
   auto atlas = atlas::build_atlas(bake->scene, settings.atlas, stop);
   if (!atlas) return proto::Unexpected(atlas.error());
   bake->atlas.emplace(std::move(*atlas));
-  auto texels = rasterise(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
+  auto texels = rasterize(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
   if (!texels) return proto::Unexpected(texels.error());
   bake->texels = std::make_shared<const atlas::TextureGroup>(std::move(*texels));
 
   enter("solve");
   const exec::Workers workers{pool, stop};
   bake->lights.emplace(bake->scene, &workers);
-  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  if (stop.stop_requested()) return proto::canceled();
   auto rays = trace::RayScene::build(bake->scene, stop);
   if (!rays) return proto::Unexpected(rays.error());
   bake->rays.emplace(std::move(*rays));

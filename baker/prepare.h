@@ -34,13 +34,13 @@ struct PreparedBake {
 /// Called while a bake is prepared, from the calling thread. Each may be empty.
 struct PrepareHooks {
   std::function<void(const char* stage)> on_stage;  ///< "import", "atlas", "solve"
-  /// Once the scene is known, before anything is made of it. An error ends the preparation.
+  /// Called once the scene is known, before anything is made of it. An error ends the preparation.
   std::function<proto::Expected<void>(const scene::Scene&)> on_scene;
 };
 
-/// Everything before the first pass: import, settings, atlas, texels, lights, rays. The process
-/// that bakes and any that computes batches for it share it. Errors: those of the stages, those of
-/// hooks.on_scene, and `canceled` within a second.
+/// Makes everything before the first pass: import, settings, atlas, texels, lights, rays. The
+/// process that bakes and any that computes batches for it share it. Errors: those of the stages,
+/// those of hooks.on_scene, and `canceled` within a second.
 proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader&, const proto::BakeSettings&,
                                                        exec::ThreadPool&, std::stop_token,
                                                        const PrepareHooks& = {});

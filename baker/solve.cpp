@@ -25,14 +25,15 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// From area-weighted sums over the texels, by runs of the same texels on any number of threads.
+/// The change of the light by a pass, from area-weighted sums over the texels. Runs of the same
+/// texels are summed on any number of threads.
 struct Change {
   double mean_lx = 0;   ///< E after
   double residual = 0;  ///< mean |E after - E before| over mean E after
   bool finite = true;
 };
 
-/// Nothing when stopped.
+/// Returns nothing when stopped.
 std::optional<Change> measure(const atlas::TextureGroup& texels, const lightmap::Lightmap& before,
                               const lightmap::Lightmap& after, const exec::Workers& workers) {
   constexpr std::uint32_t kRunTexels = 16384;
@@ -83,7 +84,7 @@ class PassBatches final : public exec::BatchWork {
 
   void run(std::uint32_t batch) override { rays_[batch] = pass_.run(range(batch), before_, view_); }
   std::string compute(std::uint32_t batch) override {
-    return solver::compute_patch(pass_, range(batch), before_).serialised();
+    return solver::compute_patch(pass_, range(batch), before_).serialized();
   }
   Expected<void> take(std::uint32_t batch, std::string_view bytes) override {
     const auto patch = lightmap::parse_patch(bytes, form_);
@@ -95,7 +96,7 @@ class PassBatches final : public exec::BatchWork {
     return apply_patch(*patch, after_);
   }
 
-  /// Those that have to run.
+  /// Returns the batches that have to run.
   std::vector<std::uint32_t> missing() const {
     std::vector<std::uint32_t> all(count_ - first_);
     std::iota(all.begin(), all.end(), first_);
@@ -109,7 +110,8 @@ class PassBatches final : public exec::BatchWork {
     while (first_ < count_ && ran_[first_]) ++first_;
     return ++done_;
   }
-  /// How far all batches from the first on have run. @param seconds so far, in this attempt
+  /// Returns how far all batches from the first on have run. @param seconds time so far, in this
+  /// attempt
   solver::PassProgress progress(double seconds) const {
     const std::lock_guard lock(mutex_);
     return {std::min(first_ * form_.batch_texels, after_.size()), rays(first_),
@@ -133,7 +135,7 @@ class PassBatches final : public exec::BatchWork {
   const solver::PassProgress restored_;
   const std::uint32_t count_;
   mutable std::mutex mutex_;  ///< guards what follows, and the rays of the batches that ran
-  std::uint32_t first_;       ///< that has not run
+  std::uint32_t first_;       ///< first batch that has not run
   std::vector<char> ran_;
   std::vector<std::uint64_t> rays_;
   std::uint32_t done_;
@@ -157,7 +159,7 @@ class Solve {
 
   Expected<Solution> run(solver::SolveStart from) {
     start(std::move(from));
-    std::stop_source either;  // what a pass under way listens to
+    std::stop_source either;  // stops a pass under way
     const std::stop_callback on_stop(stop_, [&] { either.request_stop(); });
     const std::stop_callback on_early(hooks_.finish_early, [&] { either.request_stop(); });
     const exec::Workers workers{pool_, either.get_token()};
@@ -167,7 +169,7 @@ class Solve {
       if (!ran && ran.error().code == proto::kCanceledCode && ends_early()) break;
       if (!ran) return proto::Unexpected(ran.error());
     }
-    if (!show()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+    if (!show()) return proto::canceled();
     solution_.light = std::move(light_);
     solution_.ray_pattern = solver_.ray_pattern();
     return std::move(solution_);
@@ -188,26 +190,23 @@ class Solve {
     return hooks_.finish_early.stop_requested() && !stop_.stop_requested() &&
            !solution_.passes.empty();
   }
-  static proto::Unexpected canceled() {
-    return proto::fail(proto::kCanceledCode, "The job was canceled.");
-  }
 
   /// One pass: prepare, batches, finish; then a look at the light that it leaves.
   Expected<void> run_pass(std::unique_ptr<solver::Pass> pass, const exec::Workers& workers) {
     const auto start = Clock::now();
     if (hooks_.begin_pass) hooks_.begin_pass(pass->plan());
-    if (!pass->prepare(*light_, workers)) return canceled();
+    if (!pass->prepare(*light_, workers)) return proto::canceled();
     const solver::PassPlan plan = pass->plan();
     auto after = std::make_shared<lightmap::Lightmap>(*light_);
     after->detach(plan.writes | plan.finishes);
     solver::PassProgress progress;
     if (hooks_.restore) progress = hooks_.restore(*pass, *light_, *after);
     if (auto ok = run_batches(*pass, after, progress, start, workers); !ok) return ok;
-    if (!pass->finish(*after, workers)) return canceled();
+    if (!pass->finish(*after, workers)) return proto::canceled();
     pass = nullptr;  // its memory is free for the filter
 
     const auto change = measure(world_.texels, *light_, *after, workers);
-    if (!change) return canceled();
+    if (!change) return proto::canceled();
     if (!change->finite)
       return proto::fail("internal",
                          "The light of a texel is not finite after pass '" + plan.name + "'.");
@@ -217,7 +216,7 @@ class Solve {
     report.residual = change->residual;
     report.mean_lx = change->mean_lx;
     report.rays = progress.rays;
-    if (!look_at(plan, *after, report, workers)) return canceled();
+    if (!look_at(plan, *after, report, workers)) return proto::canceled();
     report.seconds = progress.seconds + seconds_since(start);
     return take(plan, report, std::move(after));
   }
@@ -250,12 +249,12 @@ class Solve {
     const auto ran = queue.run(batches.missing(), batches, on_done, workers.stop);
     if (hooks_.end_parts) hooks_.end_parts();
     progress.rays = batches.progress(0).rays;
-    if (!ran && ran.error().code == proto::kCanceledCode) return canceled();
+    if (!ran && ran.error().code == proto::kCanceledCode) return proto::canceled();
     return ran;
   }
 
-  /// Judges light that is complete, and chooses what the next round adds; otherwise foresees what
-  /// rounds will cost. False when stopped.
+  /// Judges light that is complete, and chooses what the next round adds; estimates otherwise what
+  /// rounds will cost. Returns false when stopped.
   bool look_at(const solver::PassPlan& plan, lightmap::Lightmap& after, proto::PassReport& report,
                const exec::Workers& workers) {
     if (!plan.completes) {
@@ -290,7 +289,7 @@ class Solve {
   }
 
   /// The light of the last pass has been filtered already, unless the solve ends early, or began at
-  /// its end. False when stopped.
+  /// its end. Returns false when stopped.
   bool show() {
     if (judged_after_ != solution_.passes.size() || !judgement_) {
       judgement_.reset();

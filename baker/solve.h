@@ -16,35 +16,35 @@
 
 namespace kiln::baker {
 
-/// How far a solve has come, within a pass.
+/// The progress of a solve within a pass.
 struct SolveProgress {
   const solver::Pass& pass;
-  std::uint32_t done = 0, total = 0;  ///< batches of it
-  std::uint32_t max_passes = 0;       ///< of the solve
-  solver::Work work;                  ///< of the whole solve, as far as is known now
+  std::uint32_t done = 0, total = 0;  ///< batches of the pass
+  std::uint32_t max_passes = 0;       ///< limit of the whole solve
+  solver::Work work;                  ///< expected work of the whole solve, as far as is known now
 };
 
 /// Called while a solver runs.
 struct SolveHooks {
-  /// From any thread of the queue, after each batch.
+  /// Called after each batch, from any thread of the queue.
   std::function<void(const SolveProgress&)> on_batch;
-  /// From the calling thread, before each pass.
+  /// Called before each pass, from the calling thread.
   std::function<void(const solver::PassPlan&)> begin_pass;
-  /// From the calling thread, after each pass. The light never changes afterwards, but for planes
-  /// that are shared (lightmap::shared_planes): they change in the next pass that writes them.
+  /// Called after each pass, from the calling thread. The light does not change afterwards, except
+  /// for shared planes (lightmap::shared_planes): they change in the next pass that writes them.
   std::function<proto::Expected<void>(const solver::PassPlan&, const proto::PassReport&,
                                       std::shared_ptr<const lightmap::Lightmap>)>
       on_pass;
   /// A pass that takes longer is reported in parts, about this often.
   std::chrono::milliseconds part_time{10'000};
-  /// From any thread of the queue, one call at a time: the texels before `progress.texels` are
-  /// computed in `after`, and stay as they are until end_parts().
+  /// Called from any thread of the queue, one call at a time. The texels before `progress.texels`
+  /// are computed in `after`, and stay as they are until end_parts().
   std::function<void(const solver::PassPlan&, std::shared_ptr<const lightmap::Lightmap> after,
                      const solver::PassProgress&)>
       on_part;
   std::function<void()> end_parts;
-  /// After a pass has been prepared: puts what on_part() was given in an earlier attempt at it into
-  /// `after`.
+  /// Called after a pass has been prepared. It puts what on_part() was given in an earlier attempt
+  /// into `after`.
   std::function<solver::PassProgress(const solver::Pass&, const lightmap::Lightmap& before,
                                      lightmap::Lightmap& after)>
       restore;

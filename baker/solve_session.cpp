@@ -6,7 +6,7 @@
 namespace kiln::baker {
 namespace {
 
-/// Expected effort of passes that are done.
+/// Returns the expected effort of passes that are done.
 solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassReport> passes) {
   solver::Work work;
   for (std::size_t i = 0; i < passes.size(); ++i) {

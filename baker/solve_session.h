@@ -23,7 +23,7 @@ class SolveSession {
                const solver::SolveStart& start, checkpoint::CheckpointWriter&, BakeObserver&,
                progress::ProgressReporter&);
 
-  /// For solve(). They refer to the session.
+  /// Returns the hooks for solve(). They refer to the session.
   SolveHooks hooks();
 
  private:

@@ -11,21 +11,22 @@
 
 namespace kiln::baker {
 
-/// What a bake wants of the bytes of an upload: the scene in them, and lit.glb, which repeats the
-/// most of them. Everything that decodes such bytes is behind this, so that a service can have it
-/// done by another process. For one thread at a time.
+/// Reads the bytes of an upload for a bake: the scene in them, and lit.glb, which repeats most of
+/// them. Everything that decodes such bytes is behind this interface, so that a service can have
+/// another process do it. One thread uses it at a time.
 class UploadReader {
  public:
   virtual ~UploadReader() = default;
-  /// As import_files().
+  /// Imports the scene as import_files() does.
   virtual proto::Expected<scene::Scene> import(std::stop_token) = 0;
-  /// As write_lit_glb(). The scene is the one that import() gave. Errors: also `canceled`.
+  /// Writes lit.glb as write_lit_glb() does. The scene is the one that import() returned. Errors:
+  /// also `canceled`.
   virtual proto::Expected<void> write_lit(const std::filesystem::path&, const scene::Scene&,
                                           const atlas::Atlas&, std::span<const output::LitPage>,
                                           std::stop_token) = 0;
 };
 
-/// In this process.
+/// Reads the upload in this process.
 class InProcessReader final : public UploadReader {
  public:
   explicit InProcessReader(files::SceneFiles files, files::ImportLimits limits = {})

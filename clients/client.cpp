@@ -63,7 +63,8 @@ struct Files {
 proto::Expected<Files> digest_files(const Submission& s) {
   const auto digest = [](const std::filesystem::path& path) {
     auto found = proto::digest_file(path);
-    if (!found) found = proto::fail("missing_file", "can't read " + path.string());
+    if (!found)
+      found = proto::fail("missing_file", "The file " + path.string() + " can't be read.");
     return found;
   };
   const auto main = digest(s.scene);
@@ -92,7 +93,7 @@ Client::Impl::Impl(ServerUrl where, std::string secret)
 }
 
 proto::Unexpected Client::Impl::unreachable(httplib::Error error) const {
-  return proto::fail("server_unreachable", "no answer from " + url.text() + " (" +
+  return proto::fail("server_unreachable", url.text() + " does not answer (" +
                                                httplib::to_string(error) +
                                                "); is `lightkiln serve` running there?");
 }

@@ -34,9 +34,10 @@ struct RetryPolicy {
       60};  ///< a stream this long silent is dead: heartbeats come every 15 s
 };
 
-/// Talks to one service. Errors are the service's own (with its codes, pointers and messages), or
-/// `server_unreachable`  nothing answers there, or the connection broke `bad_document` something
-/// answers that is not this service Calls block. Each thread needs an object of its own.
+/// Talks to one service. Calls block, and each thread needs an object of its own. Errors are the
+/// service's own (with its codes, pointers and messages), or these:
+/// - `server_unreachable`: nothing answers there, or the connection broke.
+/// - `bad_document`: something answers that is not this service.
 class Client {
  public:
   /// `token` is sent with every request unless it is empty.

@@ -39,9 +39,9 @@ proto::Expected<std::vector<proto::ResultFile>> Client::results(const std::strin
   if (!listed) files->push_back({kManifest, "application/json", 0, ""});
   for (const auto& file : *files)
     if (!is_plain_name(file.name))
-      return proto::fail("bad_document", "the service lists a result named \"" +
+      return proto::fail("bad_document", "The service lists a result named \"" +
                                              file.name.substr(0, 60) +
-                                             "\", which is not a plain file name");
+                                             "\", which is not a plain file name.");
   return files;
 }
 

@@ -104,7 +104,7 @@ class Follower {
     }
     if (status == 0 || status == 200) {
       error_ = proto::Error{"server_unreachable",
-                            "no event stream from " + url_.text() +
+                            url_.text() + " gave no event stream" +
                                 (answer ? "" : " (" + httplib::to_string(answer.error()) + ")"),
                             {}};
       return Outcome::kLost;

@@ -28,7 +28,7 @@ proto::Expected<std::uint64_t> readable_size(const std::filesystem::path& path) 
   std::error_code error;
   const auto bytes = std::filesystem::file_size(path, error);
   if (error || !std::filesystem::is_regular_file(path, error) || !std::ifstream(path))
-    return proto::fail("missing_file", "can't read " + path.string());
+    return proto::fail("missing_file", "The file " + path.string() + " can't be read.");
   return bytes;
 }
 

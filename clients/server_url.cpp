@@ -23,7 +23,7 @@ bool is_port(std::string_view text) {
 
 proto::Expected<ServerUrl> parse_server_url(std::string_view text) {
   const auto bad = [&](const std::string& why) {
-    return proto::fail("bad_request", "the server URL \"" + std::string(text.substr(0, 100)) +
+    return proto::fail("bad_request", "The server URL \"" + std::string(text.substr(0, 100)) +
                                           "\" " + why + "; expected something like " +
                                           kDefaultServer);
   };

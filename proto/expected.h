@@ -43,4 +43,9 @@ inline Unexpected fail(std::string code, std::string message) {
 /// The error code of a job or stage that a stop request ended.
 inline constexpr const char* kCanceledCode = "canceled";
 
+/// Returns the error of work that a stop request ended.
+inline Unexpected canceled() {
+  return fail(kCanceledCode, "The job was canceled.");
+}
+
 }  // namespace kiln::proto

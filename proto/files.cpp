@@ -11,7 +11,7 @@ namespace kiln::proto {
 namespace {
 
 constexpr std::size_t kBuffer = std::size_t{256} * 1024;
-constexpr std::size_t kHeld = std::size_t{16} * 1024;  // that a HashingFile keeps in memory
+constexpr std::size_t kHeld = std::size_t{16} * 1024;  // bytes that a HashingFile keeps in memory
 
 Expected<void> sync_path(const std::filesystem::path& path, int flags) {
   const Fd fd(::open(path.c_str(), flags | O_CLOEXEC));

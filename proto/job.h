@@ -60,7 +60,7 @@ struct Job {
   std::string expires_at;                   ///< "" while it is not over, or when it is kept forever
   std::uint64_t memory_estimate_bytes = 0;  ///< the bake's peak; 0: not known yet
   JobProgress progress;
-  std::optional<Error> error;  ///< of a failed job
+  std::optional<Error> error;  ///< error of a failed job
 };
 
 /// The part of a job that a client reads: everything but the settings, which may be of another

@@ -79,8 +79,8 @@ struct Warning {
 
 /// The content of manifest.json: everything that a tool needs to use the result and to repeat it.
 struct Manifest {
-  std::string version;       ///< of lightkiln
-  std::string scene_sha256;  ///< of the main scene file
+  std::string version;       ///< version of lightkiln
+  std::string scene_sha256;  ///< digest of the main scene file
   std::string instruction_set;
   BakeSettings settings;  ///< with every default filled in
   std::vector<PageInfo> pages;

@@ -21,7 +21,7 @@ enum class ValueKind {
   kChoices,    ///< a list of at least `min` different words of `choices`
   kVector,     ///< three numbers, each in the range
   kDirection,  ///< a vector with at least one component beyond kShortest
-  kText,       ///< of 1 to `max` characters
+  kText,       ///< text of 1 to `max` characters
 };
 
 /// Directions whose components are all within this distance of zero have no usable length in float.

@@ -23,7 +23,7 @@ struct Finding {
 /// it. The service may run meanwhile; its ports are then found in use.
 std::vector<Finding> examine(const base::ServerConfig&);
 
-/// The worst of all.
+/// Returns the worst outcome of all.
 Health worst(const std::vector<Finding>&);
 
 const char* to_string(Health);  ///< "ok", "warn", "fail"

@@ -71,8 +71,8 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
   std::_Exit(2);
 }
 
-// The baker, with everything that decodes an upload in another process. What an import makes is
-// kept beside the upload, and goes with it.
+// Makes the baker, with everything that decodes an upload in another process. What an import makes
+// is kept beside the upload, and goes with it.
 ServiceParts isolated_parts(const std::shared_ptr<const sandbox::Importer>& importer,
                             std::shared_ptr<base::MemoryBudget> memory) {
   ServiceParts parts;

@@ -132,7 +132,7 @@ struct Service::Impl {
   http::Loop loop;
   http::EventStreams streams;
   exec::ThreadPool pool;
-  // Those who listen to events stand before the JobService: jobs that an earlier process left run
+  // The listeners to events stand before the JobService: jobs that an earlier process left run
   // as soon as there is one.
   webhooks::Webhooks webhooks;
   jobs::JobService jobs;

@@ -22,14 +22,14 @@ struct ServiceParts {
   http::EdgeLimits limits;
   std::shared_ptr<base::MemoryBudget> memory =
       nullptr;                                       ///< null: one of the configuration, for bakes
-  std::chrono::milliseconds sweep_interval{60'000};  ///< between two rounds of the janitor
+  std::chrono::milliseconds sweep_interval{60'000};  ///< time between two rounds of the janitor
   webhooks::WebhookDelays webhook_delays = webhooks::kWebhookDelays;
   webhooks::WebhookLimits webhook_limits{};
   api::WatchFunction watch_checks =
       nullptr;  ///< null: those that were refused ask again now and then
 };
 
-/// The whole service in this process: store, queue, both ports. serve() is this plus signals.
+/// Runs the whole service in this process: store, queue, both ports. serve() is this plus signals.
 class Service {
  public:
   /// Errors: `data_folder_in_use`, `storage_full`, `io_error`, `cannot_listen`, `internal`.
@@ -40,11 +40,11 @@ class Service {
   std::uint16_t admin_port() const;
   jobs::JobService& jobs();
   auth::TokenStore& tokens();
-  bool needs_tokens();  ///< of its clients
+  bool needs_tokens();  ///< returns whether its clients need tokens
 
   /// Takes no more jobs and tells every event stream; answers other requests as before.
   void begin_drain();
-  /// Whether the running jobs ended in time.
+  /// Returns whether the running jobs ended in time.
   bool wait_idle(std::chrono::milliseconds);
   /// Puts jobs that still run back into the queue, lets requests finish for up to `grace`, ends the
   /// streams and closes both ports.

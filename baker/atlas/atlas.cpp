@@ -81,7 +81,7 @@ class AtlasBuilder {
  private:
   bool keeps(std::uint32_t instance) const { return !source_.empty() && source_[instance].valid; }
 
-  /// Fills source_ and kept_. False when stopped.
+  /// Fills source_ and kept_. Returns false when stopped.
   bool check_source() {
     for (const scene::Instance& instance : scene_.instances) drawn_ += instance.part_count > 0;
     if (settings_.unwrap == proto::Unwrap::kAlways) {

@@ -60,12 +60,15 @@ struct Atlas {
 /// Places every instance on the pages. It uses TEXCOORD_1 where that is a valid lightmap
 /// parameterization and unwraps the instance otherwise. TEXCOORD_1 is valid when it is finite and
 /// in [0, 1], its faces have area and do not overlap, and no connected piece folds over itself (a
-/// piece mirrored as a whole is valid). When all instances are valid and lie on one page without
-/// overlap, that page is taken as it is and `texels_per_metre` does not apply. Beside unwrapped
-/// instances such a group keeps its shape and is scaled as one. Otherwise each valid instance gets
-/// a rectangle of its own. Errors: `invalid_lightmap_uv` (unwrap = existing), `canceled`, and
-/// `atlas_full`, whose message names settings that are large enough. They are found by trying,
-/// which may take up to six times as long again.
+/// piece mirrored as a whole is valid).
+///
+/// When all instances are valid and lie on one page without overlap, that page is taken as it is
+/// and `texels_per_metre` does not apply. Beside unwrapped instances such a group keeps its shape
+/// and is scaled as one. Otherwise each valid instance gets a rectangle of its own.
+///
+/// Errors: `invalid_lightmap_uv` (unwrap = existing), `canceled`, and `atlas_full`, whose message
+/// names settings that are large enough. They are found by trying, which may take up to six times
+/// as long again.
 proto::Expected<Atlas> build_atlas(const scene::Scene&, const proto::AtlasSettings&,
                                    std::stop_token = {});
 

@@ -23,7 +23,7 @@ class OverlapGrid {
   static constexpr std::uint32_t kNone = 0xffffffffu;
   struct Finding {
     std::uint64_t samples = 0;        ///< cells whose sample lies in the triangle
-    std::uint64_t shallow = 0;        ///< of these, cells that other triangles own
+    std::uint64_t shallow = 0;        ///< those of these cells that other triangles own
     std::uint32_t deep_with = kNone;  ///< number of a triangle that overlaps deeply
   };
   /// Reports what the triangle would overlap. It stops at the first deep overlap.

@@ -16,7 +16,7 @@ struct SourceUv {
   std::string reason;               ///< why it can't
   std::uint32_t part = 0;           ///< the part that is at fault
   math::Vec2 min{0, 0}, max{1, 1};  ///< bounds of a valid one, within [0, 1]
-  double uv_area = 0;               ///< of a valid one, page = 1
+  double uv_area = 0;               ///< area of a valid layout, page = 1
   double world_area = 0;            ///< m2, of the faces with area in UV
 };
 

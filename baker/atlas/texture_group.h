@@ -72,7 +72,7 @@ struct TextureGroup {
   }
   /// Returns the texel that lies dx to the right and dy down on the page if it has the same chart
   /// and side, and kNoTexel otherwise.
-  std::int32_t neighbour(std::uint32_t texel, int dx, int dy) const {
+  std::int32_t neighbor(std::uint32_t texel, int dx, int dy) const {
     const Page& on = pages[page[texel]];
     const int nx = x[texel] + dx, ny = y[texel] + dy;
     if (nx < 0 || ny < 0 || nx >= int(on.width) || ny >= int(on.height)) return kNoTexel;
@@ -88,14 +88,16 @@ inline constexpr std::size_t kMaxBandPieces = std::size_t(1) << 25;
 /// Rasterizes the atlas. It clips triangles exactly against texel squares, so that a texel which a
 /// triangle only touches is included. A texel that several charts touch belongs to the chart that
 /// covers most of it. The area of the other charts there goes to their own nearest texel within two
-/// steps, or else to the texel's owner, so that areas sum to the surface's. A triangle without area
-/// on the page has no texel: its area goes to its chart's nearest texel within two steps, if there
-/// is one, and a look-up on it reads its neighbors. `position`, `shading_normal` and `triangle`
-/// belong together: they describe the triangle that covers most, at its nearest point to the
-/// footprint's centroid. Errors: `limit_exceeded` (more than `max_fragments` fragments of triangles
-/// in eight rows of a page), `canceled`. The work runs on `pool`, or on the calling thread; the
-/// bits are the same.
-proto::Expected<TextureGroup> rasterise(const scene::Scene&, const Atlas&, std::stop_token = {},
+/// steps, or else to the texel's owner, so that areas sum to the surface's.
+///
+/// A triangle without area on the page has no texel: its area goes to its chart's nearest texel
+/// within two steps, if there is one, and a look-up on it reads its neighbors. `position`,
+/// `shading_normal` and `triangle` belong together: they describe the triangle that covers most, at
+/// its nearest point to the footprint's centroid.
+///
+/// Errors: `limit_exceeded` (more than `max_fragments` fragments of triangles in eight rows of a
+/// page), `canceled`. The work runs on `pool`, or on the calling thread; the bits are the same.
+proto::Expected<TextureGroup> rasterize(const scene::Scene&, const Atlas&, std::stop_token = {},
                                         std::size_t max_fragments = kMaxBandPieces,
                                         exec::ThreadPool* pool = nullptr);
 

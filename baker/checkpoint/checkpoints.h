@@ -9,19 +9,20 @@
 
 namespace kiln::checkpoint {
 
-/// The checkpoints of one bake: those that it finds, and those that it leaves.
+/// Holds the checkpoints of one bake: those that it finds, and those that it leaves.
 class Checkpoints {
  public:
   struct Listener {
     std::function<void(const proto::PassReport&)> on_durable;  ///< see CheckpointWriter
-    /// `checkpoint_ignored` from find(), `checkpoint_failed` from the writer's thread.
+    /// Receives `checkpoint_ignored` from find(), and `checkpoint_failed` from the writer's thread.
     std::function<void(const proto::Warning&)> on_warning;
   };
   /// @param options an empty folder: there are no checkpoints
   Checkpoints(CheckpointWriter::Options options, Listener listener);
 
-  /// Where the solver can go on: at its first pass, where nothing usable is found. Files that are
-  /// damaged, of another bake or of an old form are removed, with a warning. Call it once, first.
+  /// Returns where the solver can go on: at its first pass, when nothing usable is found. Files
+  /// that are damaged, or belong to another bake or an old form, are removed with a warning. It is
+  /// called once, before the others.
   solver::SolveStart find(const solver::Solver&, std::uint32_t texels);
   CheckpointWriter& writer() { return *writer_; }
 

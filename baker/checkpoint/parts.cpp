@@ -54,7 +54,8 @@ std::optional<PatchHead> read_head(SealedReader& in, const std::string& key, std
   return *head;
 }
 
-/// Reads the values of a part. False where it is not whole. @param keep false: only looks at them
+/// Reads the values of a part. Returns false when the part is not whole. @param keep false: only
+/// looks at the values
 bool read_values(SealedReader& in, const PatchHead& head, Lightmap& after, bool keep,
                  const std::stop_token& stop) {
   constexpr std::size_t kPiece = 1 << 20;
@@ -87,7 +88,7 @@ proto::Expected<void> write_part(const fs::path& dir, const std::string& key, st
         w.pieces(plane.bytes(head.texels.begin, head.texels.end), stop);
       });
     });
-    if (stop.stop_requested()) return proto::Expected<void>(stopped());
+    if (stop.stop_requested()) return proto::Expected<void>(proto::canceled());
     return done;
   });
 }
@@ -96,7 +97,7 @@ StoredParts read_parts(const fs::path& dir, const std::string& key, const solver
                        const Lightmap& before, Lightmap& after, std::stop_token stop) {
   StoredParts stored;
   const lightmap::PatchForm form = patch_form(plan, after);
-  // Twice: nothing of a part that is damaged may reach the light.
+  // The part is read twice, since nothing of a damaged part may reach the light.
   const auto read = [&](bool keep) -> std::optional<PatchHead> {
     std::ifstream file(part_file(dir, stored.count), std::ios::binary);
     SealedReader in(file);

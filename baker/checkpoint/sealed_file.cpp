@@ -22,10 +22,6 @@ proto::Expected<void> write_sealed(const std::filesystem::path& file, const Magi
   return proto::storage_error("write", file);
 }
 
-proto::Unexpected stopped() {
-  return proto::fail(proto::kCanceledCode, "The job was canceled.");
-}
-
 proto::Unexpected unusable(const std::filesystem::path& file, const char* what) {
   return proto::fail("invalid_checkpoint",
                      "The checkpoint " + file.filename().string() + " " + what + ".");

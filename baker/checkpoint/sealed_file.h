@@ -16,14 +16,15 @@
 #include "proto/expected.h"
 #include "proto/sha256.h"
 
-/// The files of a checkpoint: a header that names kind and bake, little-endian values, and a
+/// A file of a checkpoint has a header that names kind and bake, little-endian values, and a
 /// SHA-256 over all of it.
 namespace kiln::checkpoint {
 
 using Magic = std::array<char, 8>;
 inline constexpr std::uint32_t kMaxTextBytes = 4096;
 
-/// Calls `use` for one piece after the other. False when it refuses one, or on a stop request.
+/// Calls `use` for one piece after the other. Returns false when `use` refuses one, or on a stop
+/// request.
 template <std::size_t kPiece = 16 << 20, class T, class Use>
 bool for_pieces(std::span<T> bytes, const std::stop_token& stop, const Use& use) {
   while (!bytes.empty()) {
@@ -41,7 +42,7 @@ class SealedWriter {
     out_.write(static_cast<const char*>(data), std::streamsize(n));
     hash_.update({static_cast<const char*>(data), n});
   }
-  /// Until a stop request.
+  /// Writes the bytes; a stop request ends it early.
   void pieces(std::span<const std::byte> all, const std::stop_token& stop) {
     for_pieces(all, stop, [&](auto piece) {
       bytes(piece.data(), piece.size());
@@ -67,7 +68,8 @@ class SealedWriter {
   proto::Sha256 hash_;
 };
 
-/// Its functions return false when there is no more, or it is not what it should be.
+/// Reads what SealedWriter wrote. Its functions return false when the file ends or holds something
+/// else.
 class SealedReader {
  public:
   explicit SealedReader(std::ifstream& in) : in_(in) {}
@@ -103,14 +105,13 @@ class SealedReader {
   proto::Sha256 hash_;
 };
 
-/// Writes what `fill` does between header and check sum.
+/// Writes a file: the header, what `fill` writes, and the check sum.
 /// Errors: `storage_full`, `io_error`.
 proto::Expected<void> write_sealed(const std::filesystem::path&, const Magic&,
                                    const std::string& key,
                                    const std::function<void(SealedWriter&)>& fill);
 
-/// The error of a bake that was stopped, and of a file that can't be used.
-proto::Unexpected stopped();
+/// Returns the error of a file that can't be used.
 proto::Unexpected unusable(const std::filesystem::path&, const char* what);
 
 }  // namespace kiln::checkpoint

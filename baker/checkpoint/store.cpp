@@ -43,12 +43,12 @@ bool read_report(SealedReader& r, proto::PassReport& p) {
   return whole;
 }
 
-/// Planes that the file of a pass holds.
+/// Returns the planes that the file of a pass holds.
 lightmap::PlaneSet stored_planes(const Lightmap& light) {
   return light.planes() & ~lightmap::shared_planes();
 }
 
-/// Reads some planes of a light. False where the file ends too early, or on a stop request.
+/// Reads some planes of a light. Returns false when the file ends too early, or on a stop request.
 bool read_planes(SealedReader& r, Lightmap& light, const lightmap::PlaneSet& planes,
                  const std::stop_token& stop) {
   std::vector<std::byte> buffer(kBuffer);
@@ -66,7 +66,7 @@ bool read_planes(SealedReader& r, Lightmap& light, const lightmap::PlaneSet& pla
   return whole;
 }
 
-/// Reads what follows the key into `out`, whose light is as the solver begins with it.
+/// Reads what follows the key into `out`, whose light is that with which the solver begins.
 bool read_light(SealedReader& r, std::uint64_t file_bytes, std::vector<proto::PassReport>& passes,
                 Lightmap& light, const std::stop_token& stop) {
   std::uint32_t count = 0, texels = 0;
@@ -79,7 +79,7 @@ bool read_light(SealedReader& r, std::uint64_t file_bytes, std::vector<proto::Pa
          planes == stored.to_ullong() && read_planes(r, light, stored, stop) && r.sealed();
 }
 
-/// Nothing when there is no such file.
+/// Reads the file of a pass. Returns nothing when there is no such file.
 Expected<std::optional<solver::SolveStart>> read_pass_file(const fs::path& file,
                                                            const std::string& key,
                                                            const solver::Solver& solver,
@@ -100,7 +100,7 @@ Expected<std::optional<solver::SolveStart>> read_pass_file(const fs::path& file,
   auto light = std::make_shared<Lightmap>(texels, solver.state_planes());
   solver::SolveStart stored;
   if (!read_light(reader, size, stored.passes, *light, stop) || stored.passes.empty())
-    return stop.stop_requested() ? stopped() : unusable(file, "is damaged");
+    return stop.stop_requested() ? proto::canceled() : unusable(file, "is damaged");
   stored.light = std::move(light);
   return stored;
 }
@@ -118,13 +118,13 @@ Expected<void> read_shared(const fs::path& file, const std::string& key, Lightma
   if (found != key || texel_bytes != light.texel_bytes(planes))
     return unusable(file, "is of another bake");
   const bool whole = read_planes(reader, light, planes, stop);
-  if (stop.stop_requested()) return stopped();
+  if (stop.stop_requested()) return proto::canceled();
   if (!whole || !reader.sealed()) return unusable(file, "is damaged");
   return {};
 }
 
-/// Whether the solver would make these passes, in this order; `needs_shared` says whether those
-/// that follow need what they left in shared planes.
+/// Returns whether the solver would make these passes, in this order. `needs_shared` tells whether
+/// the passes that follow need what these left in shared planes.
 bool are_passes_of(const solver::Solver& solver, std::span<const proto::PassReport> passes,
                    bool& needs_shared) {
   needs_shared = false;
@@ -151,7 +151,7 @@ proto::Expected<void> write_checkpoint(const fs::path& dir, const std::string& k
         w.pieces(plane.bytes(0, light.size()), stop);
       });
     });
-    if (stop.stop_requested()) return proto::Expected<void>(stopped());
+    if (stop.stop_requested()) return proto::Expected<void>(proto::canceled());
     return done;
   });
 }
@@ -166,7 +166,7 @@ proto::Expected<void> write_shared(const fs::path& dir, const std::string& key,
       w.pieces(plane.bytes(0, light.size()), stop);
     });
   });
-  if (stop.stop_requested()) done = stopped();
+  if (stop.stop_requested()) done = proto::canceled();
   std::error_code error;
   if (done) fs::rename(temporary, file, error);
   if (error) done = proto::fail("io_error", "Can't rename to state.bin: " + error.message() + ".");

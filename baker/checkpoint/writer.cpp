@@ -11,10 +11,10 @@
 namespace kiln::checkpoint {
 namespace {
 
-/// Processor time per byte before any has been measured, seconds.
+/// The processor time per byte before any has been measured, seconds.
 constexpr double kUsualCost = 1.5e-9;
 
-/// Of light: from here on memory counts more than the time that a pass waits for the disk.
+/// From this size of light on, memory counts more than the time that a pass waits for the disk.
 constexpr double kManyBytes = 32 << 20;
 
 proto::Unexpected no_memory() {
@@ -27,7 +27,7 @@ double thread_seconds() {
   return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
 }
 
-/// Of what a file of the pass holds.
+/// Returns the bytes that a file of the pass holds.
 double bytes_of(const lightmap::Lightmap& light, bool with_shared) {
   auto planes = light.planes();
   if (!with_shared) planes &= ~lightmap::shared_planes();
@@ -54,7 +54,7 @@ CheckpointWriter::~CheckpointWriter() {
 void CheckpointWriter::begin_pass(const solver::PassPlan& plan) {
   std::unique_lock lock(mutex_);
   if (fills_shared(plan) || plan.completes) release_shared(lock);
-  // The light of the pass before the last would be a third one in memory.
+  // This waits, since the light of the pass before the last would be a third one in memory.
   if (waiting_ && bytes_of(*waiting_->light, false) > kManyBytes)
     changed_.wait(lock, [&] { return !writing_; });
   shared_is_on_disk_ = shared_is_on_disk_ && !fills_shared(plan);
@@ -103,7 +103,7 @@ void CheckpointWriter::submit(const solver::PassPlan& plan,
   shared_is_filled_ = shared_is_filled_ || fills_shared(plan);
   const bool with_shared = !plan.completes && shared_is_filled_ && !shared_is_on_disk_;
   if (!with_shared && light->hits.size() > 0) {
-    // What is not written is not held either.
+    // The light that waits keeps no plane that is not written.
     auto rest = std::make_shared<lightmap::Lightmap>(*light);
     rest->hits.drop();
     light = std::move(rest);
@@ -155,8 +155,8 @@ bool CheckpointWriter::is_due() const {
   return now_ || failed_ || precedes_part || options_.share >= 1 || Clock::now() >= due();
 }
 
-/// Whether what it began with was never written: it waited for shared planes that have changed
-/// since.
+/// Returns whether the light that the part began with was never written: it waited for shared
+/// planes that have changed since.
 bool CheckpointWriter::has_lost_its_pass(const Part& part) const {
   return !waiting_ && durable_ != part.plan.index;
 }
@@ -212,7 +212,7 @@ void CheckpointWriter::write_next(std::unique_lock<std::mutex>& lock) {
   changed_.notify_all();
 }
 
-/// What of it is not on the disk yet.
+/// Returns what the part adds to those on the disk.
 CheckpointWriter::NewPart CheckpointWriter::next_part(const Part& part) {
   if (parts_.pass != part.plan.index) parts_ = {part.plan.index, 0, {}};
   const solver::PassProgress &done = parts_.progress, &now = part.progress;
@@ -225,7 +225,7 @@ CheckpointWriter::NewPart CheckpointWriter::next_part(const Part& part) {
   return {parts_.count, head};
 }
 
-/// Whether it is on the disk.
+/// Returns whether it is on the disk.
 bool CheckpointWriter::write(const Part& part, const NewPart& piece) {
   if (failed_ || piece.head.texels.begin >= piece.head.texels.end) return false;
   proto::Expected<void> done;
@@ -239,7 +239,7 @@ bool CheckpointWriter::write(const Part& part, const NewPart& piece) {
   return done.has_value();
 }
 
-/// Whether it is on the disk.
+/// Returns whether it is on the disk.
 bool CheckpointWriter::write(const Submitted& light) {
   proto::Expected<void> done;
   if (failed_) {

@@ -39,45 +39,46 @@ class CheckpointWriter {
   struct Options {
     std::filesystem::path dir;  ///< empty: nothing is written, and every pass is finished at once
     std::string key;            ///< see write_checkpoint()
-    /// Of the processors' time that checkpoints may take. 1 or more: each pass has its own, and the
-    /// next one waits for it.
+    /// The share of the processors' time that checkpoints may take. From 1 on each pass has a
+    /// checkpoint of its own, and the next pass waits for it.
     double share = 0.05;
-    unsigned threads = 1;  ///< that the passes run on
+    unsigned threads = 1;  ///< threads that the passes run on
     std::stop_token stop;  ///< ends the writing within a second; what is not durable then never is
   };
   struct Listener {
     std::function<void(const proto::PassReport&)> on_durable;
-    /// Once. The passes go on without checkpoints, and count as finished all the same.
+    /// Called once. The passes go on without checkpoints, and count as finished all the same.
     std::function<void(const proto::Error&)> on_failed;
   };
 
-  /// @param known passes that are durable already
+  /// @param known number of passes that are durable already
   CheckpointWriter(Options, Listener, std::size_t known);
   ~CheckpointWriter();  ///< what is not being written is dropped
   CheckpointWriter(const CheckpointWriter&) = delete;
   CheckpointWriter& operator=(const CheckpointWriter&) = delete;
 
-  /// Before a pass. Where it writes shared planes, or gives them up, no earlier light is read from
-  /// here on whose checkpoint needs them: waits while one is being written, and drops one that
-  /// waits to be. Waits also where large light of an earlier pass than the last is still being
-  /// written.
+  /// Prepares for a pass. When the pass writes or gives up shared planes, no earlier light whose
+  /// checkpoint needs them is read from here on: this waits while one is being written, and drops
+  /// one that waits to be. It also waits while large light of an earlier pass than the last is
+  /// being written.
   void begin_pass(const solver::PassPlan&);
-  /// After a pass: the light after `passes`.
+  /// Takes the light after `passes`, once a pass is done.
   void submit(const solver::PassPlan&, std::span<const proto::PassReport> passes,
               std::shared_ptr<const lightmap::Lightmap>);
-  /// Restores what an earlier process has written of a pass that has just begun.
+  /// Restores what an earlier process wrote of a pass that has just begun.
   solver::PassProgress restore(const solver::PassPlan&, const lightmap::Lightmap& before,
                                lightmap::Lightmap& after);
-  /// In the middle of a pass: its texels so far, which stay as they are until end_parts(). They are
-  /// written once the pass before is durable.
+  /// Takes the texels of a pass so far, which stay as they are until end_parts(). They are written
+  /// once the pass before is durable.
   void submit_part(const solver::PassPlan&, std::shared_ptr<const lightmap::Lightmap> after,
                    const solver::PassProgress&);
-  /// From here on the light of the pass under way is not read: waits where it is being written, and
-  /// drops what waits to be.
+  /// Ends the reading of the light of the pass under way: waits while it is being written, and
+  /// drops what waits to be written.
   void end_parts();
-  /// Writes what was submitted as soon as may be.
+  /// Has what was submitted written as soon as possible.
   void write_now();
-  /// Waits until all passes are durable, and the listener has been told. False when stopped.
+  /// Waits until all passes are durable and the listener has been called. Returns false when
+  /// stopped.
   bool flush();
 
  private:
@@ -93,12 +94,12 @@ class CheckpointWriter {
     std::shared_ptr<const lightmap::Lightmap> after;
     solver::PassProgress progress;
   };
-  /// What is on the disk of the pass under way.
+  /// The parts of the pass under way that are on the disk.
   struct Parts {
     std::uint32_t pass = 0, count = 0;
     solver::PassProgress progress;
   };
-  /// What one part adds to those on the disk.
+  /// The piece that one part adds to those on the disk.
   struct NewPart {
     std::uint32_t number = 0;
     lightmap::PatchHead head;
@@ -109,7 +110,7 @@ class CheckpointWriter {
   bool write(const Part&, const NewPart&);
   void fail(const proto::Error&);
   void notify(std::span<const proto::PassReport>);
-  // Need mutex_:
+  // The caller of these holds mutex_.
   void write_next(std::unique_lock<std::mutex>&);
   bool is_due() const;
   Clock::time_point due() const;
@@ -122,7 +123,7 @@ class CheckpointWriter {
   const Options options_;
   const Listener listener_;
   const std::size_t known_;
-  std::size_t notified_;  ///< passes; of the thread that writes
+  std::size_t notified_;  ///< passes reported; used by the writing thread only
 
   std::mutex mutex_;  ///< guards what follows
   std::condition_variable_any changed_;
@@ -130,14 +131,14 @@ class CheckpointWriter {
   std::optional<Part> waiting_part_;
   std::size_t durable_;  ///< passes in the newest checkpoint
   Parts parts_;
-  bool stale_parts_ = true;  ///< there may be some, of a pass that is done
+  bool stale_parts_ = true;  ///< there may be parts of a pass that is done
   bool writing_ = false, writing_shared_ = false, writing_part_ = false;
   bool now_ = false, failed_ = false;
-  bool shared_is_filled_ = false;  ///< by a pass of this attempt
+  bool shared_is_filled_ = false;  ///< a pass of this attempt has filled it
   bool shared_is_on_disk_ = false;
-  std::exception_ptr bug_;  ///< of the listener, for the next call
+  std::exception_ptr bug_;  ///< an exception of the listener, for the next call
   Clock::time_point last_ = Clock::now();
-  double seconds_ = 0, bytes_ = 0;  ///< of processor time, for what has been written
+  double seconds_ = 0, bytes_ = 0;  ///< processor time and bytes of what has been written
 
   std::jthread thread_;  ///< last: it uses the others
 };

@@ -12,7 +12,7 @@
 
 namespace kiln::exec {
 
-/// What the batches of one pass do, for a queue that decides where and in which order they run. A
+/// Runs the batches of one pass for a queue, which decides where and in which order they run. A
 /// queue calls for each batch either run(), in this process, or take() with the bytes that
 /// compute() gave for it in another process, which holds the same inputs.
 class BatchWork {
@@ -20,7 +20,8 @@ class BatchWork {
   virtual ~BatchWork() = default;
   /// Computes a batch in place. Different batches may run on different threads at once.
   virtual void run(std::uint32_t batch) = 0;
-  /// Computes a batch, leaves everything as it was, and returns what it brought. Any thread.
+  /// Computes a batch, leaves everything as it was, and returns what it brought. Any thread may
+  /// call it.
   virtual std::string compute(std::uint32_t batch) = 0;
   /// Takes in what compute() returned somewhere for this batch. The bytes come from outside and are
   /// checked. Any thread. Errors: those of the check.

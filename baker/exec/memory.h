@@ -4,7 +4,7 @@
 
 namespace kiln::exec {
 
-/// Most memory that this process has held at once, bytes.
+/// Returns the most memory that this process has held at once, bytes.
 std::uint64_t peak_memory_bytes();
 
 }  // namespace kiln::exec

@@ -12,12 +12,10 @@
 
 namespace kiln::exec {
 
-/// The answer of work that a stop request ended.
-inline proto::Unexpected canceled() {
-  return proto::fail(proto::kCanceledCode, "canceled");
-}
+/// Work that looks at a stop token here ends with this error.
+using proto::canceled;
 
-/// Whether to stop, asked in an inner loop: looked up once in 4096 times.
+/// Tells an inner loop whether to stop. It looks once in 4096 calls.
 class StopPoll {
  public:
   explicit StopPoll(std::stop_token stop) : stop_(std::move(stop)) {}
@@ -28,8 +26,8 @@ class StopPoll {
   std::uint32_t calls_ = 0;
 };
 
-/// values.resize(size) piece by piece, since filling gigabytes takes seconds. False when stopped:
-/// the vector then has any size up to that. Requires that it does not shrink.
+/// Resizes `values` piece by piece, since filling gigabytes takes seconds. Returns false when
+/// stopped: the vector then has any size up to `size`. Requires that it does not shrink.
 template <class T>
 bool grow_unless_stopped(std::vector<T>& values, std::size_t size, const std::stop_token& stop) {
   constexpr std::size_t kPiece = std::max<std::size_t>((std::size_t(4) << 20) / sizeof(T), 1);
@@ -41,8 +39,8 @@ bool grow_unless_stopped(std::vector<T>& values, std::size_t size, const std::st
   return true;
 }
 
-/// std::stable_sort by merging sorted runs, so that a stop request is seen between two of them.
-/// False when stopped: the order is then anything.
+/// Sorts like std::stable_sort by merging sorted runs, so that a stop request is seen between two
+/// of them. Returns false when stopped: the order is then undefined.
 template <class T, class Less>
 bool sort_unless_stopped(std::vector<T>& values, Less less, const std::stop_token& stop) {
   constexpr std::size_t kRun = std::size_t(1) << 16;

@@ -58,7 +58,7 @@ bool all_zero(std::string_view bytes) {
 }  // namespace
 
 Unexpected bad_flat_file(const std::string& why) {
-  return proto::fail("bad_document", "the scene file is damaged: " + why);
+  return proto::fail("bad_document", "The scene file is damaged: " + why);
 }
 
 proto::Expected<void> write_flat(int fd, const FlatHeader& header,

@@ -36,7 +36,7 @@ proto::Expected<MappedFile> MappedFile::map(int fd, const std::string& file_name
   const std::string name = "\"" + file_name + "\"";
   struct stat status {};
   if (fd < 0 || ::fstat(fd, &status) != 0 || !S_ISREG(status.st_mode)) {
-    return proto::fail("missing_file", "cannot read " + name);
+    return proto::fail("missing_file", "The file " + name + " can't be read.");
   }
   const auto size = static_cast<std::uint64_t>(status.st_size);
   if (size > max_bytes) {
@@ -46,7 +46,8 @@ proto::Expected<MappedFile> MappedFile::map(int fd, const std::string& file_name
   }
   if (size == 0) return MappedFile(nullptr, 0, true);
   void* const data = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, fd, 0);
-  if (data == MAP_FAILED) return proto::fail("missing_file", "cannot map " + name);
+  if (data == MAP_FAILED)
+    return proto::fail("missing_file", "The file " + name + " can't be mapped into memory.");
   return MappedFile(static_cast<const char*>(data), size, true);
 }
 

@@ -45,7 +45,8 @@ class MappedFile {
   bool owned_ = true;
 };
 
-/// Files that were opened beforehand, by their path, for a process that may not open any itself.
+/// Holds files that were opened beforehand, by their path, for a process that may not open any
+/// itself.
 using OpenedFiles = std::map<std::filesystem::path, MappedFile>;
 
 }  // namespace kiln::files

@@ -38,8 +38,8 @@ struct ImportLimits {
   std::uint32_t node_depth = 256;
   std::uint64_t vertices = 64'000'000;
   std::uint64_t triangles = 32'000'000;
-  std::uint64_t image_pixels = 1ull << 28;      ///< of one image
-  std::uint64_t all_image_pixels = 1ull << 29;  ///< of all together
+  std::uint64_t image_pixels = 1ull << 28;      ///< limit of one image
+  std::uint64_t all_image_pixels = 1ull << 29;  ///< limit of all images together
   std::uint32_t lights = 100'000;
 };
 

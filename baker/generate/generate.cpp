@@ -62,7 +62,7 @@ constexpr std::array kGenerators{
     Generator{{"plates_perpendicular", "two unit squares that share an edge, F = 0.2000"},
               plates_perpendicular,
               1},
-    Generator{{"colour_box", "closed box with colored walls and a lamp: for the balance of energy"},
+    Generator{{"color_box", "closed box with colored walls and a lamp: for the balance of energy"},
               color_box,
               1},
     Generator{
@@ -89,8 +89,8 @@ proto::Expected<std::string> generate_glb(std::string_view name, std::uint32_t d
     if (!names.empty()) names += ", ";
     names += g.info.name;
   }
-  return proto::fail("unknown_generator", "no generated scene is called '" + std::string(name) +
-                                              "'; there are: " + names);
+  return proto::fail("unknown_generator", "No generated scene is called '" + std::string(name) +
+                                              "'; there are: " + names + ".");
 }
 
 }  // namespace kiln::generate

@@ -51,7 +51,7 @@ constexpr std::uint32_t vector_components(std::string_view type) {
   return type == "VEC4" ? 4 : 0;
 }
 
-/// An accessor's elements, read one by one. Stride, sparse replacement, normalisation and missing
+/// An accessor's elements, read one by one. Stride, sparse replacement, normalization and missing
 /// buffer views (zeros) are dealt with here and nowhere else. Data may lie unaligned. The pointers
 /// are views into the document's bytes; immutable.
 struct AccessorView {
@@ -70,7 +70,7 @@ struct AccessorView {
 
   /// Returns the first component as an unsigned integer. Requires an unsigned type.
   std::uint32_t index(std::uint64_t i) const;
-  /// Returns the components as floats, normalised ones mapped to [0, 1] or [-1, 1]
+  /// Returns the components as floats, normalized ones mapped to [0, 1] or [-1, 1]
   /// [glTF 2.0, 3.11]. Requires at most four components.
   std::array<float, 4> floats(std::uint64_t i) const;
   /// Copies element i, i < count, to `out`: element_bytes bytes.
@@ -87,7 +87,7 @@ proto::Expected<void> check_accessors(const Document&, const std::stop_token&);
 /// The types that a use of an accessor allows.
 struct AccessorFormat {
   std::uint32_t min_components = 1, max_components = 1;
-  std::vector<std::pair<Component, bool>> types;  ///< component type, normalised
+  std::vector<std::pair<Component, bool>> types;  ///< component type, normalized
   bool allows_stride = true;
 };
 

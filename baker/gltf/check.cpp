@@ -118,7 +118,7 @@ class Checker {
     return each(value, [&](const Json& element) { return check_number(element, f); });
   }
 
-  /// Elements of a collection; what is not an array has none.
+  /// Returns the elements of a collection; a value that is no array has none.
   std::size_t size_of(const char* target) {
     if (target != size_target_) {  // runs of the same target are the rule
       const Json::json_pointer place{std::string(target)};

@@ -153,7 +153,7 @@ namespace {
 
 constexpr const char* kName = "KHR_draco_mesh_compression";
 
-/// Components of an accessor's element; 0 for a matrix.
+/// Returns the components of an accessor's element; 0 for a matrix.
 std::uint32_t components_of(const Json& accessor) {
   const auto type = accessor.find("type");
   if (type == accessor.end() || !type->is_string()) return 0;
@@ -218,7 +218,7 @@ class DracoUnpacker {
     if (lacking->empty() && !(indices && lacks_data(*indices))) return {};
     if (count_at(primitive, "mode", 4) != 4)
       return proto::fail("unsupported_extension",
-                         "of what Draco compresses only triangles are read", "scene", at_);
+                         "a mesh that Draco compressed must consist of triangles", "scene", at_);
     if (!indices) return wrong("a compressed primitive needs indices");
     request.indices = count_at(*indices, "count", 0).value_or(0);
     request.index_type = component_type(*indices);

@@ -26,7 +26,7 @@ struct DracoRequest {
   std::vector<DracoAttribute> attributes;
 };
 
-/// Plain contents of accessors. Elements of attributes start at multiples of four bytes.
+/// The plain contents of accessors. Elements of attributes start at multiples of four bytes.
 struct DracoMesh {
   std::string indices;
   std::vector<std::string> attributes;

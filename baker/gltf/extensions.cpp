@@ -15,7 +15,7 @@ struct Known {
   std::string_view name;
   bool may_be_required;  ///< a bake is right, or right but for a warning, where it is required
   std::string_view
-      instead;  ///< the warning: what is done instead; "" when it is honoured or harmless
+      instead;  ///< the warning: what is done instead; "" when it is honored or harmless
 };
 
 constexpr std::string_view kDiffuseOnly = "surfaces are baked as diffuse";
@@ -80,9 +80,9 @@ void warn_of_extensions(Document& document) {
   for (std::size_t i = 0; i < used.size(); ++i) {
     const Known* known = find_known(used[i]);
     if (known && known->instead.empty()) continue;
-    document.warnings.add("extension_ignored", pointer_to("/extensionsUsed", i),
-                          shortened(used[i]) + " is not honoured" +
-                              (known ? ": " + std::string(known->instead) : ""));
+    document.warnings.add(
+        "extension_ignored", pointer_to("/extensionsUsed", i),
+        shortened(used[i]) + " is not honored" + (known ? ": " + std::string(known->instead) : ""));
   }
 }
 

@@ -33,7 +33,7 @@ Json numbers(math::Vec3 v) {
   return {short_decimal(v.x), short_decimal(v.y), short_decimal(v.z)};
 }
 
-/// Rotation (x, y, z, w) that takes -Z to the unit vector `d` by the shortest way.
+/// Returns the rotation (x, y, z, w) that takes -Z to the unit vector `d` by the shortest way.
 Json rotation_from_minus_z(math::Vec3 d) {
   const float w = 1 - d.z;
   if (w < 1e-6f) return {0, 1, 0, 0};  // straight back: half a turn about Y

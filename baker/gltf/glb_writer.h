@@ -10,7 +10,7 @@
 namespace kiln::gltf {
 
 /// A small glTF document to be written: what the generated scenes need of glTF 2.0. Indices refer
-/// to the vectors of GlbDocument; -1 means none. Units as in glTF: metres, linear Rec. 709, cd/m2.
+/// to the vectors of GlbDocument; -1 means none. Units as in glTF: meters, linear Rec. 709, cd/m2.
 struct GlbMaterial {
   std::string name;
   math::Rgb base_color{1, 1, 1};

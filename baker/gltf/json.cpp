@@ -179,7 +179,7 @@ class Reader {
   /// The part of a value that the schema lists.
   enum class Listed {
     kNothing,   ///< it is kept whole
-    kMembers,   ///< of an object: those in `fields`
+    kMembers,   ///< those members of an object that `fields` names
     kElements,  ///< an array of such objects
   };
   struct Frame {
@@ -189,9 +189,9 @@ class Reader {
     const Field* of = nullptr;  ///< the schema's word on this value
     bool for_library = false;
     MemberIndex index{};
-    Json* member = nullptr;           ///< of an object: its next value's place; nullptr: dropped
+    Json* member = nullptr;           ///< place of an object's next value; nullptr: dropped
     const Field* field = nullptr;     ///< the schema's word on that member
-    bool member_for_library = false;  ///< whether the library's text has it
+    bool member_for_library = false;  ///< the library's text has it
 
     Kind kind() const {
       const Field* const known = field ? field : of;

@@ -16,18 +16,18 @@ namespace kiln::gltf {
 /// lit.glb repeats.
 using Json = nlohmann::ordered_json;
 
-/// "/nodes/3" from ("/nodes", 3); keys are escaped as RFC 6901 asks.
+/// Returns "/nodes/3" for ("/nodes", 3); keys are escaped as RFC 6901 asks.
 std::string pointer_to(const std::string& parent, std::size_t index);
 std::string pointer_to(const std::string& parent, std::string_view key);
 
-/// Text of a document for a message: at most `max` bytes, cut between UTF-8 sequences, no control
-/// characters. The text must be valid UTF-8.
+/// Returns text of a document for a message: at most `max` bytes, cut between UTF-8 sequences, no
+/// control characters. The text must be valid UTF-8.
 std::string shortened(std::string_view text, std::size_t max = 100);
 
 /// A whole number >= 0, also when it is written as 1.0; nothing for any other value.
 std::optional<std::uint64_t> as_count(const Json&);
-/// object[key] as such a number, or `missing` where the key is absent; nothing when the value is no
-/// such number, or `object` is no object.
+/// Returns object[key] as such a number, or `missing` when the key is absent; nothing when the
+/// value is no such number, or `object` is no object.
 std::optional<std::uint64_t> count_at(const Json& object, const char* key, std::uint64_t missing);
 
 /// Returns a member of the document; an empty array when it is absent.

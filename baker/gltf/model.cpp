@@ -118,7 +118,7 @@ proto::Expected<void> read_model(tinygltf::Model& model, const ParsedText& parse
   std::string error, warning;
   if (!parser.LoadASCIIFromString(&model, &error, &warning, text.data(),
                                   static_cast<unsigned>(text.size()), ""))
-    return invalid("not a valid glTF document: " + shortened(error, 200), "");
+    return invalid("this is not a valid glTF document: " + shortened(error, 200), "");
   exec::StopPoll stopped(stop);
   read_nodes(model, *parsed.document, stopped);
   read_meshes(model, *parsed.document, stopped);

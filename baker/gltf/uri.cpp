@@ -58,7 +58,7 @@ bool is_data_uri(std::string_view uri) {
 
 proto::Expected<DataUri> decode_data_uri(std::string_view uri, const std::string& pointer) {
   const auto fail = [&](const char* why) {
-    return proto::fail("invalid_scene", std::string("data URI ") + why, "scene", pointer);
+    return proto::fail("invalid_scene", std::string("the data URI ") + why, "scene", pointer);
   };
   const auto comma = uri.find(',');
   if (!is_data_uri(uri) || comma == std::string_view::npos)
@@ -78,9 +78,10 @@ proto::Expected<std::string> relative_file_name(std::string_view uri, const std:
   auto name = proto::percent_decode(uri);
   std::string why = name ? refusal(*name) : "has a broken percent escape";
   if (!why.empty()) {
-    return proto::fail("invalid_scene",
-                       "URI " + quoted(uri) + " " + why + "; expected a file of the same upload",
-                       "scene", pointer);
+    return proto::fail(
+        "invalid_scene",
+        "the URI " + quoted(uri) + " " + why + "; expected a file of the same upload", "scene",
+        pointer);
   }
   while (name->starts_with("./")) name->erase(0, 2);
   return *name;

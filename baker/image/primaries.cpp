@@ -48,7 +48,7 @@ Matrix inverse(const Matrix& m) {
   return out;
 }
 
-/// XYZ of the colour, X + Y + Z being 1.
+/// XYZ of the color, X + Y + Z being 1.
 Triple xyz(const Primaries::Point& p) {
   return {double(p[0]), double(p[1]), 1 - double(p[0]) - double(p[1])};
 }

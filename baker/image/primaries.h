@@ -7,7 +7,7 @@
 
 namespace kiln::image {
 
-/// CIE xy of red, green, blue and white: which colours the numbers of a picture mean. Those of
+/// CIE xy of red, green, blue and white: which colors the numbers of a picture mean. Those of
 /// Rec. 709 by default.
 struct Primaries {
   using Point = std::array<float, 2>;
@@ -18,8 +18,8 @@ struct Primaries {
 };
 
 /// From linear numbers by such primaries to linear Rec. 709. White stays white, of the same
-/// luminance: colours are adapted from one white point to the other [Lam, "Metamerism and Colour
-/// Constancy", 1985: the Bradford transform, in its linear form]. Colours that Rec. 709 can't show
+/// luminance: colors are adapted from one white point to the other [Lam, "Metamerism and Colour
+/// Constancy", 1985: the Bradford transform, in its linear form]. Colors that Rec. 709 can't show
 /// get negative values.
 class ColorConversion {
  public:

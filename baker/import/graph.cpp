@@ -35,7 +35,7 @@ proto::Expected<Transform> matrix_transform(const std::vector<double>& m, const 
   return out;
 }
 
-/// Rotation by a quaternion x, y, z, w of any length but zero.
+/// Returns the rotation by a quaternion x, y, z, w of any length but zero.
 Expected<Transform> rotation_transform(const std::vector<double>& q, const std::string& at) {
   const double n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   if (!(n > 1e-12) || !std::isfinite(n))

@@ -48,7 +48,7 @@ std::set<std::int32_t> used_images(const std::vector<scene::Material>& materials
   return used;
 }
 
-/// Textures are of these; others are for skies.
+/// Textures have these formats; others are for skies.
 bool is_texture(std::string_view bytes) {
   const auto format = image::format_of(bytes);
   return format == image::Format::kPng || format == image::Format::kJpeg ||
@@ -69,7 +69,7 @@ class Decoder {
   Expected<void> decode(std::string_view bytes, std::int32_t image) {
     const auto header = image::read_header(bytes);
     if (!header) return broken("the image's header can't be read", image);
-    // First, because the library may take memory for the whole image when it opens it.
+    // This comes first, because the library may take memory for the whole image when it opens it.
     const image::Size size = header->size;
     if (auto fits = check_size(size, image); !fits) return fits;
     const std::size_t first = scene_.image_texels.size();

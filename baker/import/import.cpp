@@ -24,7 +24,7 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 
-/// Materials in the order of their first use.
+/// Holds materials in the order of their first use.
 class MaterialTable {
  public:
   explicit MaterialTable(gltf::Document& document) : document_(document) {}

@@ -24,9 +24,9 @@ class OpenedScene {
   OpenedScene(OpenedScene&&) noexcept;
   ~OpenedScene();
 
-  /// See check_scene().
+  /// Does what check_scene() says.
   proto::Expected<void> check(const proto::BakeSettings&, const std::stop_token&);
-  /// See import_files(); `sky_map` names the side file that is the sky map. Called once.
+  /// Does what import_files() says; `sky_map` names the side file that is the sky map. Called once.
   proto::Expected<scene::Scene> import(const std::optional<std::string>& sky_map,
                                        const std::stop_token&);
 
@@ -46,7 +46,7 @@ proto::Expected<void> check_scene(const files::SceneFiles&, const proto::BakeSet
 
 /// The import without what settings add: geometry, materials, punctual lights, images and the sky
 /// map that the files name, decoded. Same errors but `no_light`, and `invalid_image`. What is legal
-/// but not honoured becomes a Scene::warning.
+/// but not honored becomes a Scene::warning.
 proto::Expected<scene::Scene> import_files(const files::SceneFiles&,
                                            const files::ImportLimits& = {}, std::stop_token = {});
 

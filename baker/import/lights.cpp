@@ -102,7 +102,7 @@ scene::PunctualLight make_punctual(const proto::LightSettings& light, math::Vec3
   return out;
 }
 
-/// Brightest pixel that a sky may have, cd/m2: far above the sun's, and its square is a number.
+/// The brightest pixel that a sky may have, cd/m2: far above the sun's, and its square is a number.
 constexpr float kMaxSkyRadiance = 1e15f;
 
 /// Returns the brightest channel of the map; a negative number when stopped.

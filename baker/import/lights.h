@@ -17,14 +17,14 @@ proto::Expected<void> add_punctual_lights(scene::Scene&, gltf::Document&,
                                           const files::ImportLimits&);
 
 /// Adds the sky and the lights of the settings; a sky map that gives no light is dropped. A
-/// rectangle is centred on its position; its width runs along the horizontal (along +X where it
+/// rectangle is centered on its position; its width runs along the horizontal (along +X where it
 /// faces straight up or down). Errors: `invalid_settings`: a light without a direction, or with an
 /// empty cone or area; `missing_file`: the sky map was not imported; `canceled`.
 proto::Expected<void> add_settings_lights(scene::Scene&, const proto::BakeSettings&,
                                           const std::stop_token&);
 
-/// `no_light` unless something emits. `emissive` tells whether a triangle with an emissive material
-/// was found.
+/// Returns the error `no_light` unless something emits. `emissive` tells whether a triangle with an
+/// emissive material was found.
 proto::Expected<void> require_light(const scene::Scene&, bool emissive, const proto::BakeSettings&);
 
 }  // namespace kiln::import

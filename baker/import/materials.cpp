@@ -105,7 +105,7 @@ void read_alpha(gltf::Document& document, const tinygltf::Material& source, Mate
                           "alphaMode " + source.alphaMode + " is baked as opaque");
   } else if (source.alphaMode != "OPAQUE") {
     document.warnings.add("alpha_ignored", out.pointer + "/alphaMode",
-                          "unknown alphaMode, baked as opaque");
+                          "alphaMode is unknown: the material is baked as opaque");
   }
   out.material.alpha_cutoff = static_cast<float>(source.alphaCutoff);
 }
@@ -117,7 +117,7 @@ void clamp_base_color(gltf::Document& document, MaterialSource& out) {
                              std::clamp(c.b, 0.f, 1.f)};
   if (out.material.base_color == c) return;
   document.warnings.add("base_color_clamped", out.pointer,
-                        "base color factor outside 0 to 1, clamped");
+                        "the base color factor is outside 0 to 1 and is clamped");
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ class GeometryBudget {
 
  private:
   files::ImportLimits limits_;
-  std::uint64_t vertices_, triangles_;  ///< that are left
+  std::uint64_t vertices_, triangles_;  ///< numbers that are left
 };
 
 /// A checked glTF primitive that holds triangles, in its own space. Views into the document's
@@ -33,7 +33,7 @@ struct PrimitiveSource {
   std::optional<gltf::AccessorView> indices;  ///< each within `positions`
   gltf::AccessorView positions;
   std::optional<gltf::AccessorView> normals, colors;
-  std::map<std::uint32_t, gltf::AccessorView> uv_sets;  ///< by n of TEXCOORD_n; may have gaps
+  std::map<std::uint32_t, gltf::AccessorView> uv_sets;  ///< key: n of TEXCOORD_n; may have gaps
   std::uint64_t triangle_count = 0;
   std::uint64_t vertex_bound = 0;  ///< at most as many vertices come of placing it
 

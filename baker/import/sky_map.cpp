@@ -61,7 +61,7 @@ proto::Expected<Opened> open(gltf::Document& document, const std::string& name,
   return file;
 }
 
-/// What makes a pixel none of a sky; null when nothing does.
+/// Returns why a pixel can't belong to a sky, or null when it can.
 const char* fault_of(math::Rgb c) {
   for (const float v : {c.r, c.g, c.b}) {
     if (std::isnan(v)) return "no number";

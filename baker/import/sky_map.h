@@ -18,7 +18,7 @@ proto::Expected<void> check_sky_map(gltf::Document&, const std::string& name,
                                     const files::ImportLimits&);
 
 /// Decodes it into scene.sky_map, as linear Rec. 709: by the primaries that the file names.
-/// Negative values become 0, with a warning, those of colours beyond Rec. 709 among them. Errors:
+/// Negative values become 0, with a warning, those of colors beyond Rec. 709 among them. Errors:
 /// those of check_sky_map(), `canceled`; values that are infinite, no number, or above kMaxSkyValue
 /// are `invalid_image`: dropping them could drop the sun.
 proto::Expected<void> load_sky_map(gltf::Document&, scene::Scene&, const std::string& name,

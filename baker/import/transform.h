@@ -6,7 +6,7 @@
 
 namespace kiln::import {
 
-/// Affine map in double precision, so that deep hierarchies stay exact: p' = m * p + t.
+/// An affine map in double precision, so that deep hierarchies stay exact: p' = m * p + t.
 struct Transform {
   std::array<std::array<double, 3>, 3> m{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< rows
   std::array<double, 3> t{};
@@ -17,7 +17,7 @@ struct Transform {
     };
     return {row(0), row(1), row(2)};
   }
-  /// A direction, not normalised.
+  /// A direction, not normalized.
   math::Vec3 direction(math::Vec3 v) const {
     const auto row = [&](std::size_t i) {
       return static_cast<float>(m[i][0] * v.x + m[i][1] * v.y + m[i][2] * v.z);
@@ -41,7 +41,7 @@ struct Transform {
   }
 };
 
-/// First `b`, then `a`.
+/// Returns the map that applies first `b`, then `a`.
 inline Transform operator*(const Transform& a, const Transform& b) {
   Transform out;
   for (std::size_t i = 0; i < 3; ++i) {

@@ -103,7 +103,7 @@ Expected<math::Vec3> world_point(const PrimitiveSource& source, std::uint32_t ve
   return point;
 }
 
-/// Three vertices for each triangle, with the triangle's normal.
+/// Makes three vertices for each triangle, with the triangle's normal.
 void emit_flat(WorldPrimitive& out, const std::vector<std::uint32_t>& used,
                const std::vector<math::Vec3>& points, exec::StopPoll& stopped) {
   const std::size_t corners = 3 * out.triangles.size();
@@ -140,7 +140,7 @@ void repair_normals(WorldPrimitive& out, const std::vector<bool>& broken, exec::
   }
 }
 
-/// Vertices in source order, those that no triangle uses any more left out.
+/// Puts vertices in source order and leaves out those that no triangle uses any more.
 void emit_smooth(WorldPrimitive& out, const gltf::AccessorView& normals,
                  const std::vector<std::uint32_t>& used, const std::vector<math::Vec3>& points,
                  const Transform& to_world, exec::StopPoll& stopped) {

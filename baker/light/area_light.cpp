@@ -8,7 +8,7 @@
 namespace kiln::light {
 namespace {
 
-/// Points at which a textured emitter's mean is taken.
+/// The points at which a textured emitter's mean is taken.
 constexpr std::uint32_t kTexturePoints = 64;
 
 math::Rgb mean_emission(const scene::Scene& scene, std::uint32_t triangle) {
@@ -61,7 +61,7 @@ std::vector<Edge> edges_of(const std::vector<AreaLight>& lights) {
   return edges;
 }
 
-/// The parallelogram that two triangles which share an edge make up, if they do.
+/// Returns the parallelogram that two triangles with a shared edge form, if they do.
 bool join(const AreaLight& a, std::uint32_t edge_a, const AreaLight& b, std::uint32_t edge_b,
           AreaLight& joined) {
   constexpr float kFlat = 1 - 1e-6f, kParallel = 1e-5f;
@@ -108,7 +108,7 @@ float AreaLight::clearance(math::Vec3 receiver) const {
 }
 
 float AreaLight::least_distance(math::Vec3 p) const {
-  return std::max(std::abs(dot(normal, p - corner[0])), length(centre() - p) - longest_edge_m);
+  return std::max(std::abs(dot(normal, p - corner[0])), length(center() - p) - longest_edge_m);
 }
 
 simd::LightShape AreaLight::shape() const {

@@ -26,28 +26,29 @@ struct AreaLight {
   bool is_uniform() const { return textured == kUniform; }
   math::Vec3 first_edge() const { return corner[1] - corner[0]; }
   math::Vec3 second_edge() const { return corner[corners - 1] - corner[0]; }
-  math::Vec3 centre() const {
+  math::Vec3 center() const {
     return corners == 4 ? (corner[0] + corner[2]) * 0.5f
                         : (corner[0] + corner[1] + corner[2]) * (1 / 3.f);
   }
 
-  /// Height of `p` over the plane of the light, m; 0 within the rounding of the coordinates, so
-  /// that a flat lamp far from the origin does not light itself.
+  /// Returns the height of `p` over the plane of the light, m. It is 0 within the rounding of the
+  /// coordinates, so that a flat lamp far from the origin does not light itself.
   float height_over(math::Vec3 p) const;
-  /// Whether the side that emits shows to a point at that height.
+  /// Returns whether the emitting side shows to a point at that height.
   bool shows_to(float height) const { return height > 0 || (height < 0 && two_sided); }
-  /// How far off the light shadow rays from about `receiver` end, m: as far as the origins of rays
-  /// are moved off their surfaces, so that the light is not in the way of its own shadow rays.
+  /// Returns how far off the light shadow rays from about `receiver` end, m. This is as far as the
+  /// origins of rays are moved off their surfaces, so that the light does not block its own shadow
+  /// rays.
   float clearance(math::Vec3 receiver) const;
-  /// A lower bound of the distance from `p`, m.
+  /// Returns a lower bound of the distance from `p`, m.
   float least_distance(math::Vec3 p) const;
   std::span<const math::Vec3> outline() const { return {corner.data(), corners}; }
 
   simd::LightShape shape() const;
 };
 
-/// All flat emitters of the scene. Two uniform triangles of one material that make up a
-/// parallelogram become one light: what is sampled as a whole has no seam.
+/// Returns all flat emitters of the scene. Two uniform triangles of one material that form a
+/// parallelogram become one light, so that sampling it has no seam.
 std::vector<AreaLight> find_area_lights(const scene::Scene&);
 
 }  // namespace kiln::light

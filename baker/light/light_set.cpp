@@ -5,7 +5,8 @@
 namespace kiln::light {
 namespace {
 
-/// A light whose longest edge is more than so many times its distance is sampled by solid angle.
+/// A light is sampled by solid angle when its longest edge is more than this many times its
+/// distance.
 constexpr float kNearRatio = 1;
 
 math::Vec3 uniform_point(const AreaLight& l, math::Vec2 u) {
@@ -35,7 +36,7 @@ LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers)
 }
 
 bool LightSet::is_near(const AreaLight& l, math::Vec3 from, float ratio) {
-  return l.longest_edge_m > ratio * length(l.centre() - from);
+  return l.longest_edge_m > ratio * length(l.center() - from);
 }
 
 AreaLightSampler::Spherical::Spherical(const AreaLight& l, math::Vec3 from)
@@ -55,8 +56,7 @@ AreaLightSampler::AreaLightSampler(const scene::Scene& scene, const AreaLight& l
   const float height = light.height_over(from);
   if (!light.shows_to(height)) return;
   height_ = height;
-  // To the side that the height tells; a light nearer than its clearance keeps its distance, all
-  // but a quarter.
+  // The offset goes to the receiver's side. It is at most a quarter of the receiver's height.
   move_off_ = std::copysign(std::min(light.clearance(from), std::abs(height) / 4), height);
   if (LightSet::is_near(light, from, kNearRatio)) near_.emplace(light, from);
 }
@@ -64,7 +64,7 @@ AreaLightSampler::AreaLightSampler(const scene::Scene& scene, const AreaLight& l
 LightSample AreaLightSampler::sample(math::Vec2 u) const {
   LightSample s;
   if (height_ == 0) return s;
-  math::Vec3 point;   // of the light
+  math::Vec3 point;   // on the light
   float density = 0;  // per steradian
   if (near_) {
     if (!(near_->solid_angle > 0)) return s;
@@ -85,8 +85,8 @@ LightSample AreaLightSampler::sample(math::Vec2 u) const {
   return s;
 }
 
-/// Of a textured light. The barycentric coordinates of the point come from areas projected along
-/// the normal.
+/// Returns the radiance of a textured light. The barycentric coordinates of the point come from
+/// areas projected along the normal.
 math::Rgb AreaLightSampler::radiance_at(math::Vec3 point) const {
   const float scale = 1 / (2 * light_.area_m2);
   const math::Vec3 p = point - light_.corner[0];

@@ -16,7 +16,7 @@ namespace kiln::light {
 
 /// The points origin + t * direction, t in (0, far), that must be free for a light to be seen.
 struct ShadowRay {
-  math::Vec3 direction;  ///< of any length
+  math::Vec3 direction;  ///< not normalized
   float far = 1;
 
   static ShadowRay endless(math::Vec3 direction) {
@@ -34,17 +34,17 @@ struct LightSample {
 };
 
 /// An area light as one point sees it, ready to be sampled: uniform in solid angle when the light
-/// is near against its size (bounded: no 1/d2), uniform in area otherwise. Outlived by what it is
-/// made of.
+/// is near against its size (bounded: no 1/d2), uniform in area otherwise. Scene and light live
+/// longer.
 class AreaLightSampler {
  public:
   AreaLightSampler(const scene::Scene&, const AreaLight&, math::Vec3 from);
 
-  /// A direction to a point of the light by the uniform pair `u`.
+  /// Returns a direction to a point of the light by the uniform pair `u`.
   LightSample sample(math::Vec2 u) const;
 
  private:
-  /// What the point sees of a light that is near.
+  /// The solid angle of a near light, as two spherical triangles.
   struct Spherical {
     sampling::SphericalTriangle first, second;
     float solid_angle;
@@ -62,29 +62,29 @@ class AreaLightSampler {
   std::optional<Spherical> near_;
 };
 
-/// All light that is sampled explicitly. Immutable.
+/// Holds all light that is sampled explicitly. Immutable.
 class LightSet {
  public:
-  /// With a large sky map it takes the workers, and ends early when they are stopped: it is of no
-  /// use then (see SkyLight).
+  /// A large sky map is summed by the workers. When they are stopped, this ends early and must not
+  /// be used (see SkyLight).
   explicit LightSet(const scene::Scene&, const exec::Workers* workers = nullptr);
 
   const std::vector<AreaLight>& area() const { return area_; }
   const std::vector<scene::PunctualLight>& punctual() const { return scene_.lights; }
-  /// Share of each area light in the summed luminous power.
+  /// Returns the share of each area light in the summed luminous power.
   const std::vector<float>& power_share() const { return power_share_; }
-  /// For choosing among many.
+  /// Returns the table for choosing among many lights.
   const LightTable& table() const { return table_; }
-  /// The sky, when a map gives it; null otherwise.
+  /// Returns the sky when a map gives it; null otherwise.
   const SkyLight* sky() const { return sky_ ? &*sky_ : nullptr; }
-  /// Whether rays are sent towards bright parts of the sky.
+  /// Returns whether rays are sent towards bright parts of the sky.
   bool has_bright_sky() const { return sky_ && sky_->has_bright_parts(); }
   bool empty() const { return area_.empty() && scene_.lights.empty() && !scene_.has_sky(); }
 
   AreaLightSampler sampler_from(math::Vec3 point, const AreaLight& light) const {
     return {scene_, light, point};
   }
-  /// Whether the longest edge is more than `ratio` times the distance of the centre.
+  /// Returns whether the longest edge is more than `ratio` times the distance of the center.
   static bool is_near(const AreaLight&, math::Vec3 from, float ratio);
 
  private:

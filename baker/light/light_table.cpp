@@ -7,14 +7,14 @@
 namespace kiln::light {
 namespace {
 
-/// Share of the choice that goes by power alone.
+/// The share of the choice that goes by power alone.
 constexpr double kDefensiveShare = 0.02;
 
 void put(float (&lanes)[3][16], std::size_t i, math::Vec3 v) {
   lanes[0][i] = v.x, lanes[1][i] = v.y, lanes[2][i] = v.z;
 }
 
-/// The low 21 bits of `v`, each third bit.
+/// Spreads the low 21 bits of `v`, each to every third bit.
 std::uint64_t spread(std::uint64_t v) {
   v &= 0x1fffff;
   v = (v | v << 32) & 0x1f00000000ffffull;
@@ -24,18 +24,18 @@ std::uint64_t spread(std::uint64_t v) {
   return (v | v << 2) & 0x1249249249249249ull;
 }
 
-/// Indices of the lights by their centres along Morton's curve.
+/// Returns the indices of the lights, ordered by their centers along Morton's curve.
 std::vector<std::uint32_t> morton_order(std::span<const AreaLight> lights) {
   math::Vec3 low{INFINITY, INFINITY, INFINITY}, high{-INFINITY, -INFINITY, -INFINITY};
   for (const AreaLight& l : lights) {
-    const math::Vec3 c = l.centre();
+    const math::Vec3 c = l.center();
     low = {std::min(low.x, c.x), std::min(low.y, c.y), std::min(low.z, c.z)};
     high = {std::max(high.x, c.x), std::max(high.y, c.y), std::max(high.z, c.z)};
   }
   const float side = lights.empty() ? 1 : std::max(max_abs(high - low), 1e-30f);
   std::vector<std::pair<std::uint64_t, std::uint32_t>> keyed;
   for (std::uint32_t l = 0; l < lights.size(); ++l) {
-    const math::Vec3 at = (lights[l].centre() - low) * (float(0x1fffff) / side);
+    const math::Vec3 at = (lights[l].center() - low) * (float(0x1fffff) / side);
     keyed.emplace_back(spread(std::uint64_t(at.x)) | spread(std::uint64_t(at.y)) << 1 |
                            spread(std::uint64_t(at.z)) << 2,
                        l);
@@ -58,10 +58,10 @@ LightTable::LightTable(std::span<const AreaLight> lights, std::span<const float>
     const AreaLight& light = lights[light_[place]];
     simd::LightGroup& group = groups_[place / 16];
     const std::size_t i = place % 16;
-    put(group.centre, i, light.centre());
+    put(group.center, i, light.center());
     put(group.normal, i, light.normal);
     for (const math::Vec3& corner : light.outline())
-      group.radius[i] = std::max(group.radius[i], length(corner - light.centre()));
+      group.radius[i] = std::max(group.radius[i], length(corner - light.center()));
     group.power[i] = luminance(light.radiance) * light.area_m2;
     group.back[i] = light.two_sided ? -1.f : 1.f;
     share_[place] = power_share[light_[place]];
@@ -87,7 +87,7 @@ void LightChoice::weigh(const simd::Viewpoint& from) {
 void LightChoice::finish() {
   double total = 0;
   for (std::uint32_t g = 0; g < table_.groups(); ++g) {
-    // Four chains of additions, in a fixed order: one alone would wait for each.
+    // There are four chains of additions, in a fixed order: one alone would wait for each.
     double part[4] = {};
     for (std::uint32_t i = 0; i < kGroup; ++i) part[i % 4] += double(weight_[g * kGroup + i]);
     group_end_[g] = (part[0] + part[1]) + (part[2] + part[3]);

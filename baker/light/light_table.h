@@ -10,8 +10,8 @@
 
 namespace kiln::light {
 
-/// Area lights in groups of sixteen, for weighing many at once. Neighbours in the table are
-/// neighbours in space, so that draws spread over it spread over what hides lights, too. Immutable.
+/// Holds area lights in groups of sixteen, for weighing many at once. Neighbors in the table are
+/// neighbors in space, so that draws spread over it also spread over what hides lights. Immutable.
 class LightTable {
  public:
   /// @param power_share of each light, summing to 1
@@ -19,9 +19,10 @@ class LightTable {
 
   std::uint32_t groups() const { return static_cast<std::uint32_t>(groups_.size()); }
   const simd::LightGroup* data() const { return groups_.data(); }
-  /// Index of the light at each place of the table; anything after the last one.
+  /// Returns the index of the light at each place of the table. Places after the last light hold
+  /// any value.
   const std::vector<std::uint32_t>& light() const { return light_; }
-  /// Shares, with zeros after the last light, and their sums over each group.
+  /// Returns the shares, with zeros after the last light, and their sums over each group.
   const std::vector<float>& share() const { return share_; }
   const std::vector<double>& group_share() const { return group_share_; }
 
@@ -41,8 +42,8 @@ class LightChoice {
 
   /// Forgets all points.
   void clear();
-  /// Adds what the surface around a viewpoint would get. Lights that are too near are left to
-  /// `weigh_near(light)`: irradiance there, luminance-weighted, lx.
+  /// Adds what the surface around a viewpoint would get. `weigh_near(light)` weighs lights that are
+  /// too near: it returns the irradiance there, luminance-weighted, lx.
   template <class WeighNear>
   void add(const simd::Viewpoint& from, WeighNear weigh_near) {
     weigh(from);
@@ -52,7 +53,7 @@ class LightChoice {
         if (table_.share()[place] > 0) weight_[place] += weigh_near(table_.light()[place]);
       }
   }
-  /// To be called after the last point, before a walk.
+  /// Ends the adding of points. It is called after the last point, before a walk.
   void finish();
 
   struct Pick {
@@ -69,8 +70,8 @@ class LightChoice {
 
    private:
     const LightChoice& choice_;
-    std::uint32_t place_ = 0;  ///< in the table
-    double end_ = 0;           ///< of the intervals before it
+    std::uint32_t place_ = 0;  ///< index in the table
+    double end_ = 0;           ///< end of the intervals before it
   };
 
  private:

@@ -12,9 +12,9 @@
 namespace kiln::light {
 namespace {
 
-/// Less than this share of the light is not worth rays of its own.
+/// A smaller share of the light than this is not worth rays of its own.
 constexpr double kWorthwhile = 1e-3;
-/// And less than this can't be divided by.
+/// The sums can't be divided by less than this.
 constexpr double kLeastExcess = 1e-30;
 
 /// cosθ at the edges of the rows.
@@ -24,7 +24,7 @@ std::vector<double> edge_cosines(std::uint32_t rows) {
   return edges;
 }
 
-/// By the workers where there are any. False when stopped.
+/// Runs on the workers when there are any. Returns false when stopped.
 bool for_runs(const exec::Workers* workers, std::uint32_t count,
               const std::function<void(std::uint32_t, std::uint32_t)>& use) {
   constexpr std::uint32_t kRows = 4;
@@ -33,7 +33,7 @@ bool for_runs(const exec::Workers* workers, std::uint32_t count,
   return true;
 }
 
-/// The interval that holds `u`, by the ends of all, and where within it, [0, 1).
+/// The interval that holds `u`, given the ends of all intervals, and the place within it, [0, 1).
 struct Place {
   std::size_t index;
   float within;
@@ -108,7 +108,7 @@ SkyLight::Sample SkyLight::sample(math::Vec2 u) const {
   const Place row = find(row_ends_, u.y);
   const std::size_t first = row.index * map_.width;
   const Place column = find(std::span(pixel_ends_).subspan(first, map_.width), u.x);
-  // In double: close to the pole, what is left of 1 is the sine.
+  // This is in double precision: close to the pole, what is left of 1 is the sine.
   const double top = edge_cosines_[row.index], bottom = edge_cosines_[row.index + 1];
   const double up = top + (bottom - top) * double(row.within);
   const double flat = std::sqrt(std::max(0., (1 - up) * (1 + up)));

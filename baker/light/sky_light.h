@@ -10,38 +10,40 @@
 
 namespace kiln::light {
 
-/// A sky that a map gives: what it is by direction, and directions towards its bright parts.
+/// Gives the sky of a map by direction, and samples directions towards its bright parts.
 ///
 /// Cosine-distributed directions find a sky that varies slowly, and miss the sun; directions drawn
 /// from the map find the sun. Both are taken, each weighted by the balance heuristic [Veach and
-/// Guibas, "Optimally Combining Sampling Techniques", SIGGRAPH 1995]. Since the former cover the
-/// whole sky, the latter need only go where it is brighter than its mean: their density is that
-/// excess [Karlik et al., "MIS Compensation", SIGGRAPH Asia 2019]. Immutable.
+/// Guibas, "Optimally Combining Sampling Techniques", SIGGRAPH 1995].
+///
+/// Since the former cover the whole sky, the latter need only go where it is brighter than its
+/// mean: their density is that excess [Karlik et al., "MIS Compensation", SIGGRAPH Asia 2019].
+/// Immutable.
 class SkyLight {
  public:
-  /// The table of a map of 2^28 pixels takes seconds: rows are summed by the workers (by the
-  /// calling thread where there are none), with the same result on any number of threads. When they
-  /// are stopped, this is of no use.
+  /// Builds the table, which takes seconds for a map of 2^28 pixels. The workers sum the rows (the
+  /// calling thread does when there are none), with the same result on any number of threads. When
+  /// they are stopped, the object must not be used.
   /// @param scene has a sky map; outlives this
   explicit SkyLight(const scene::Scene& scene, const exec::Workers* workers = nullptr);
 
   struct Seen {
     math::Rgb radiance;  ///< cd/m2, the uniform sky included
-    float density = 0;   ///< of sample(), per steradian
+    float density = 0;   ///< density of sample(), per steradian
   };
   Seen seen(math::Vec3 direction) const;
 
-  /// False where nothing stands out: there are no directions to draw then.
+  /// Returns false when no part of the sky stands out: there are no directions to draw then.
   bool has_bright_parts() const { return !row_ends_.empty(); }
   struct Sample {
     math::Vec3 direction;  ///< unit
     Seen seen;
   };
-  /// By the uniform pair `u`. Within a pixel, uniform in solid angle.
+  /// Samples a direction by the uniform pair `u`. Within a pixel it is uniform in solid angle.
   Sample sample(math::Vec2 u) const;
 
  private:
-  /// The luminance above the floor.
+  /// Returns the luminance above the floor.
   float excess(std::size_t pixel) const {
     return std::max(0.f, luminance(map_.texels[pixel]) - floor_);
   }
@@ -56,16 +58,16 @@ class SkyLight {
   std::vector<float> row_ends_, pixel_ends_;
 };
 
-/// How many of all directions are drawn from the bright parts of the sky, and how many by cosine.
-/// Weights of both, for a direction with these densities.
+/// Weighs directions that are drawn from the bright parts of the sky against those drawn by cosine,
+/// given the number of each.
 class SkyShares {
  public:
   SkyShares(float bright, float cosine)
       : bright_(bright / (bright + cosine)), cosine_(cosine / (bright + cosine)) {}
 
-  /// Weight over the density, of one that was drawn from the bright parts.
+  /// Returns the weight over the density of a direction that was drawn from the bright parts.
   float of_bright(float density, float cosine) const { return bright_ / both(density, cosine); }
-  /// Weight of one that was drawn by cosine.
+  /// Returns the weight of a direction that was drawn by cosine.
   float of_cosine(float density, float cosine) const {
     return density > 0 ? cosine_ * (cosine / math::kPi) / both(density, cosine) : 1.f;
   }

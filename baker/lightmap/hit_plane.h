@@ -10,8 +10,8 @@ namespace kiln::lightmap {
 /// Hits below this value name a texel; the values from here on say what else a ray has met.
 inline constexpr std::uint32_t kFirstMiss = 0xfffffffdu;
 
-/// Several words per texel: what each of its gathering rays met, so that bounces look it up instead
-/// of tracing again. The words are zero, and take no memory, until they are first written.
+/// Holds several words per texel: what each of its gathering rays met, so that bounces look it up
+/// instead of tracing again. The words are zero, and take no memory, until they are first written.
 ///
 /// Copies share the words, and writers do not detach them: a copy would double what is by far the
 /// largest plane. Each texel is therefore written by one pass only, and is read by later ones.
@@ -21,7 +21,7 @@ class HitPlane {
   HitPlane() = default;
   HitPlane(std::uint32_t texels, std::uint32_t words);
 
-  /// Texels; 0 after drop().
+  /// Returns the number of texels; 0 after drop().
   std::uint32_t size() const { return words_ ? texels_ : 0; }
   std::uint32_t words_per_texel() const { return per_texel_; }
   std::span<const std::uint32_t> of(std::uint32_t texel) const {
@@ -29,7 +29,7 @@ class HitPlane {
   }
   std::uint32_t* data() { return words_.get(); }
 
-  /// The bytes of the texels [first, last).
+  /// Returns the bytes of the texels [first, last).
   std::size_t texel_bytes() const { return words_ ? per_texel_ * sizeof(std::uint32_t) : 0; }
   std::span<const std::byte> bytes(std::uint32_t first, std::uint32_t last) const {
     return std::as_bytes(words(first, last));

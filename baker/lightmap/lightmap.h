@@ -12,10 +12,11 @@
 
 namespace kiln::lightmap {
 
-/// Below this share of rays without a back face behind them a texel lies inside other geometry.
+/// A texel lies inside other geometry when a smaller share of its rays than this has no back face
+/// behind it.
 inline constexpr float kValidShare = 0.5f;
 
-/// How often the round that follows doubles the samples of a texel.
+/// The number of times that the next round doubles the samples of a texel.
 struct Doublings {
   std::uint8_t shadow_rays = 0, directions = 0;
 };
@@ -26,30 +27,31 @@ struct Doublings {
 struct Lightmap {
   /// Light by shadow rays: straight from emitters, lights and bright parts of the sky.
   Plane<math::Rgb> direct;
-  Plane<math::Rgb> sky;       ///< by gathering rays: straight from the sky, or what is left of it
+  Plane<math::Rgb> sky;       ///< gathered light straight from the sky, or from what is left of it
   Plane<math::Rgb> indirect;  ///< after one diffuse reflection or more
   /// Share of the footprint that is not inside or behind other geometry, 0..1: all rays from a
   /// hidden point meet back faces. The path method, which sends few rays from a point at a time,
   /// gives the share of the texel's rays that met no back face.
   Plane<float> validity;
 
-  /// How far two halves of the samples differ in luminance, see Estimate::spread.
+  /// The difference of two halves of the samples in luminance, see Estimate::spread.
   Plane<float> direct_spread, sky_spread, indirect_spread;
   /// Shadow rays towards area lights, and directions or paths, that the light was taken from.
   Plane<std::uint32_t> direct_samples, samples;
-  /// What the next round of samples does; the same for all texels of a tile.
+  /// The doublings of the next round; the same for all texels of a tile.
   Plane<Doublings> doublings;
 
-  // Planes that only some methods have; the others leave them empty.
-  /// What the last bounce read, lx: passes that only add samples read it again.
+  // Only some methods have the following planes; the others leave them empty.
+  /// The radiosity that the last bounce read, lx: passes that only add samples read it again.
   Plane<math::Rgb> radiosity;
   /// 1 where rays of the texel's own gather, 0 where the light is interpolated from texels around.
   Plane<std::uint8_t> gathers;
-  /// Per direction a texel, or what else the ray met. Dropped once all bounces are there.
+  /// The texel that each direction met, or what else the ray met. Dropped once all bounces are
+  /// there.
   HitPlane hits;
 
   Lightmap() = default;
-  /// A dark light. @param state the planes of a method's own
+  /// Makes a dark light. @param state the planes of a method's own
   explicit Lightmap(std::uint32_t texels, std::span<const PlaneSpec> state = {})
       : direct(texels),
         sky(texels),
@@ -72,7 +74,7 @@ struct Lightmap {
     return direct[texel] + sky[texel] + indirect[texel];
   }
   std::uint32_t size() const { return direct.size(); }
-  /// Whether the texel's light comes from rays of its own.
+  /// Returns whether the texel's light comes from rays of its own.
   bool is_gathered(std::uint32_t texel) const { return gathers.size() == 0 || gathers[texel] != 0; }
 
   /// Calls `use(id, plane)` for every plane, in the order of the ids.
@@ -93,13 +95,13 @@ struct Lightmap {
     });
   }
 
-  /// Planes that hold something.
+  /// Returns the planes that hold something.
   PlaneSet planes() const {
     PlaneSet all;
     for_planes(*this, [&](PlaneId id, const auto& p) { all.set(std::size_t(id), p.size() > 0); });
     return all;
   }
-  /// Bytes of one texel in some planes.
+  /// Returns the bytes of one texel in some planes.
   std::size_t texel_bytes(const PlaneSet& some) const {
     std::size_t sum = 0;
     for_planes(*this, some, [&](PlaneId, const auto& plane) { sum += plane.texel_bytes(); });
@@ -109,7 +111,7 @@ struct Lightmap {
   void detach(const PlaneSet& some) {
     for_planes(*this, some, [](PlaneId, auto& plane) { plane.detach(); });
   }
-  /// The light as it is shown: without what only later passes read.
+  /// Returns the light as it is shown, without what only later passes read.
   Lightmap shown() const {
     Lightmap light = *this;
     light.radiosity = {}, light.gathers = {}, light.hits = {};

@@ -46,12 +46,12 @@ class Plane {
     return (*values_)[texel];
   }
 
-  /// The first value, for writing. Requires detach() or clear() before.
+  /// Returns the first value, for writing. Requires detach() or clear() before.
   T* data() {
     assert(values_.use_count() == 1);
     return values_->data();
   }
-  /// The bytes of the texels [first, last).
+  /// Returns the bytes of the texels [first, last).
   std::size_t texel_bytes() const { return size() > 0 ? sizeof(T) : 0; }
   std::span<const std::byte> bytes(std::uint32_t first, std::uint32_t last) const {
     return std::as_bytes(std::span(*values_).subspan(first, last - first));

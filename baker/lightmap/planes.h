@@ -19,7 +19,7 @@ enum class PlaneId : std::uint8_t {
   kDirectSamples,
   kSamples,
   kDoublings,
-  // From here on a light has only those that its method asks for.
+  // A light has the following planes only if its method asks for them.
   kRadiosity,
   kGathers,
   kHits,
@@ -44,8 +44,9 @@ struct PlaneSpec {
   std::uint32_t words = 1;  ///< values per texel; more than one in kHits only
 };
 
-/// Planes whose values passes share without a copy, see HitPlane: a pass that writes one waits
-/// until nobody reads the light before it, and a checkpoint stores them in a file of their own.
+/// Returns the planes whose values passes share without a copy, see HitPlane. A pass that writes
+/// one waits until no reader of the light before it is left, and a checkpoint stores them in a file
+/// of their own.
 inline PlaneSet shared_planes() {
   return plane_set({PlaneId::kHits});
 }

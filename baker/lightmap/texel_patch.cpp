@@ -57,7 +57,7 @@ TexelPatch TexelPatch::of(PatchHead head, const Lightmap& light, std::uint32_t b
   return patch;
 }
 
-std::string TexelPatch::serialised() const {
+std::string TexelPatch::serialized() const {
   const auto bytes = head.packed();
   std::string out(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   return out += values;

@@ -11,13 +11,13 @@ namespace kiln::output {
 /// A layer of the pages. A new one is a row of layers(), and a row of proto::kLayerNames.
 struct Layer {
   const char* name;
-  /// What it shows of a texel. The value reads the input, which outlives it.
+  /// Gives the layer's value of a texel. The value reads the input, which outlives it.
   TexelValue (*value)(const OutputInput&);
 };
 
-/// All layers, in the order of proto::kLayerNames. The first is the irradiance.
+/// Returns all layers, in the order of proto::kLayerNames. The first is the irradiance.
 std::span<const Layer> layers();
-/// Null where there is none of the name.
+/// Returns the layer of that name, or null.
 const Layer* find_layer(std::string_view name);
 
 }  // namespace kiln::output

@@ -30,7 +30,7 @@ struct LitPage {
   std::string png;  ///< opaque 8-bit image of linear values: value (0..1) * scale = E in lx
   float scale = 1;
   std::string exr;     ///< the name of the page's EXR beside lit.glb; "" when none is written
-  float exposure = 1;  ///< of the preview
+  float exposure = 1;  ///< exposure of the preview
 };
 /// Writes lit.glb to a path. Errors: those of write_lit_glb(), and `canceled`.
 using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&,

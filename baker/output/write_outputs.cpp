@@ -122,9 +122,9 @@ class Writer {
       if (!(irradiance.coverage[i] > 0)) continue;
       const math::Rgb v = irradiance.rgb[i];
       if (!std::isfinite(v.r) || !std::isfinite(v.g) || !std::isfinite(v.b))
-        return proto::fail("internal", "the light of texel (" + std::to_string(i % info.width) +
+        return proto::fail("internal", "The light of texel (" + std::to_string(i % info.width) +
                                            ", " + std::to_string(i / info.width) + ") of page " +
-                                           std::to_string(p) + " is not finite");
+                                           std::to_string(p) + " is not finite.");
       ++info.texels;
       info.max_lx = std::max(info.max_lx, max_channel(v));
     }

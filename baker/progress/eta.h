@@ -22,7 +22,7 @@ class EtaEstimator {
   /// @param share of the pass's batches that is done
   /// @param all that there is to do, as far as is known now
   struct Ahead {
-    double share_done = 0;               ///< of all
+    double share_done = 0;               ///< share of all work
     std::optional<double> seconds_left;  ///< nothing until enough has been done to tell
   };
   /// The pass that begins has this share of its batches from an earlier attempt.
@@ -39,13 +39,13 @@ class EtaEstimator {
 
     bool any() const;
     Rates rates() const;
-    /// `seconds` for `work`, shared out by the rates so far.
+    /// Adds `seconds` for `work`, shared out by the rates so far.
     void add(const solver::Work& work, double seconds);
   };
 
   Clock::time_point start_, pass_start_;
   solver::Work done_;    ///< passes that have ended
-  double restored_ = 0;  ///< of the pass under way
+  double restored_ = 0;  ///< restored share of the pass under way
   Timed timed_;
 };
 

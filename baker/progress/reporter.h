@@ -26,8 +26,8 @@ class ProgressReporter {
   /// Ends the stage under way and begins another one. @param fraction of the whole bake, 0 to 1
   void enter(const char* stage, double fraction);
   void leave();
-  /// Reports progress within the stage, which is filled in; drops it where the last report is less
-  /// than 50 ms old, unless all batches are done. Any thread.
+  /// Reports progress within the stage, which is filled in. It drops the report when the last one
+  /// is less than 50 ms old, unless all batches are done. Any thread may call it.
   void batch(proto::JobProgress);
 
  private:

@@ -12,10 +12,10 @@ namespace kiln::sampling {
 /// in the order in which it is traced, packets of sixteen. Runs that begin at a multiple of their
 /// length, a power of two, are nets, and together with the runs before them again a net.
 struct DirectionSet {
-  /// From this many samples on, sixteen neighbouring strata make a narrow cone of rays.
+  /// Sixteen neighboring strata make a narrow cone of rays from this many samples on.
   static constexpr std::uint32_t kCoherentSamples = 256;
 
-  std::vector<std::uint32_t> x, y;  ///< of its points, fractions of 2^32, padded to whole packets
+  std::vector<std::uint32_t> x, y;  ///< coordinates, fractions of 2^32, padded to whole packets
   std::uint32_t first = 0;          ///< its place in the sequence
   std::uint32_t count = 0;
   bool coherent = false;  ///< each run of sixteen is a narrow cone
@@ -32,7 +32,7 @@ struct DirectionSet {
   bool in_second_half(std::uint32_t i) const {
     return count < 16 ? i >= (count + 1) / 2 : (i >> 3 & 1) != 0;
   }
-  /// From the sums over the two halves.
+  /// Makes an estimate of the sums over the two halves.
   Estimate estimate(math::Rgb first_sum, math::Rgb second_sum) const;
 
  private:

@@ -10,8 +10,8 @@ namespace kiln::sampling {
 /// estimates are estimates, and so are sums of independent ones.
 struct Estimate {
   math::Rgb mean;
-  /// Half the difference of the luminance that the two halves give, as if they were independent:
-  /// its square is an estimate of the variance of the mean's luminance.
+  /// The half of the difference of the luminance that the two halves give, as if they were
+  /// independent: its square is an estimate of the variance of the mean's luminance.
   float spread = 0;
 
   Estimate& operator+=(const Estimate& o) {

@@ -9,7 +9,7 @@ float clamped_acos(float x) {
   return std::acos(std::clamp(x, -1.f, 1.f));
 }
 
-/// Angle between two unit vectors, accurate for small angles too.
+/// Returns the angle between two unit vectors, accurate for small angles too.
 float angle_between(math::Vec3 a, math::Vec3 b) {
   return 2 * std::atan2(length(a - b), length(a + b));
 }
@@ -19,7 +19,7 @@ math::Vec3 orthogonal_part(math::Vec3 v, math::Vec3 axis) {
   return normalize(v - axis * dot(v, axis), axis);
 }
 
-/// Clipped at two planes, a convex polygon of four corners has at most six.
+/// A convex polygon of four corners that is clipped at two planes has at most six.
 struct Polygon {
   std::array<math::Vec3, 6> corner;
   std::size_t count = 0;
@@ -64,7 +64,8 @@ math::Vec2 uniform_triangle(math::Vec2 u) {
 
 SphericalTriangle::SphericalTriangle(math::Vec3 from, math::Vec3 p0, math::Vec3 p1, math::Vec3 p2)
     : a(normalize(p0 - from)), b(normalize(p1 - from)), c(normalize(p2 - from)) {
-  // Van Oosterom and Strackee: free of the cancellation in the sum of the three angles.
+  // The formula of Van Oosterom and Strackee is free of the cancellation in the sum of the three
+  // angles.
   const float numerator = std::abs(dot(a, cross(b, c)));
   const float denominator = 1 + dot(a, b) + dot(b, c) + dot(c, a);
   solid_angle = 2 * std::atan2(numerator, denominator);

@@ -32,8 +32,8 @@ inline std::uint32_t reverse_bits(std::uint32_t x) {
   return ((x & 0x55555555u) << 1) | ((x & 0xaaaaaaaau) >> 1);
 }
 
-/// Nested uniform (Owen) scramble of a 32-bit fraction: flips each bit by a hash of the bits above
-/// it, so that elementary intervals map to elementary intervals.
+/// Scrambles a 32-bit fraction by nested uniform (Owen) scrambling: flips each bit by a hash of the
+/// bits above it, so that elementary intervals map to elementary intervals.
 inline std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed) {
   std::uint32_t x = reverse_bits(fraction);
   x ^= x * 0x3d20adeau;
@@ -67,13 +67,14 @@ inline SobolPoint sequence_point(std::uint32_t index, bool low_discrepancy) {
                          : SobolPoint{hash(index, 0x1f83d9abu), hash(index, 0x5be0cd19u)};
 }
 
-/// Owen-scrambled copy of a Sobol point: same stratification, errors of two seeds independent.
+/// Returns an Owen-scrambled copy of a Sobol point: same stratification, errors of two seeds
+/// independent.
 inline math::Vec2 scrambled(SobolPoint p, std::uint32_t seed) {
   return {to_unit(owen_scramble(p.x, seed)), to_unit(owen_scramble(p.y, hash(seed)))};
 }
 
-/// Padded sampling: sample `index` of the two-dimensional sequence that `seed` names. Two seeds
-/// give sequences in independent order, so any number of pairs may be combined.
+/// Returns sample `index` of the two-dimensional sequence that `seed` names (padded sampling). Two
+/// seeds give sequences in independent order, so any number of pairs may be combined.
 inline math::Vec2 sample_pair(std::uint32_t index, std::uint32_t seed) {
   // Scrambling the index as a fraction keeps aligned blocks together, so every block of a power of
   // two samples is a net.

@@ -105,8 +105,8 @@ struct Scene {
   std::vector<math::Vec3> positions;
   std::vector<math::Vec3> normals;  ///< unit; flat normals where the source has none
   std::vector<math::Vec2>
-      base_uv;  ///< of the material's base texture, KHR_texture_transform applied
-  std::vector<math::Vec2> emission_uv;       ///< of the material's emission texture, likewise
+      base_uv;  ///< UV of the material's base texture, KHR_texture_transform applied
+  std::vector<math::Vec2> emission_uv;       ///< UV of its emission texture, likewise
   std::vector<math::Vec2> lightmap_uv;       ///< TEXCOORD_1; (0,0) where the part has none
   std::vector<std::array<float, 4>> colors;  ///< COLOR_0, linear; 1 where absent
   /// The element of the glTF primitive's accessors that each vertex comes from. A part holds the

@@ -39,11 +39,11 @@ struct LightShape {
   std::int32_t corners;  ///< 3 or 4
 };
 
-/// What sixteen points see of a light.
+/// A light as sixteen points see it.
 struct alignas(64) LightView {
   float irradiance[16];  ///< at unit radiance, lx; wrong where the light crosses the horizon
   float lowest[16];      ///< smallest cosine of a corner to the shading or geometric normal
-  float height[16];      ///< of the point over the light's plane, m
+  float height[16];      ///< height of the point over the light's plane, m
 };
 
 /// Lambert's formula: irradiance from a uniform polygon, not clipped, unoccluded.
@@ -52,7 +52,7 @@ using ViewKernel = void (*)(const LightShape&, const PointFrames&, LightView&);
 /// Shadow rays from sixteen points to points of a light that are uniform in area.
 struct alignas(64) LightRays {
   float direction[3][16];  ///< from the origin to just before the light: t in (0, 1) must be free
-  float weight[16];        ///< what the sample estimates the irradiance at unit radiance to be
+  float weight[16];        ///< the sample's estimate of the irradiance at unit radiance
 };
 
 /// Lane i takes the Sobol point number i ^ flip of `x`, `y` (fractions of 2^32), Owen-scrambled by
@@ -64,8 +64,8 @@ using LightKernel = void (*)(const LightShape&, const std::uint32_t* x, const st
 
 /// Sixteen flat lights.
 struct alignas(64) LightGroup {
-  float centre[3][16], normal[3][16];
-  float radius[16];  ///< from the centre to the farthest corner, m
+  float center[3][16], normal[3][16];
+  float radius[16];  ///< from the center to the farthest corner, m
   float power[16];   ///< luminance times area, cd; 0 in lanes without a light
   float back[16];    ///< -1 where it shines to both sides, else 1
 };
@@ -73,19 +73,19 @@ struct alignas(64) LightGroup {
 /// A point that stands for the surface around it.
 struct Viewpoint {
   float point[3], normal[3];
-  float extent;  ///< how far that surface reaches, m
+  float extent;  ///< reach of that surface, m
   float reach;   ///< lights nearer than this and their own size are too near to be weighed so, m
 };
 
-/// About what the surface around a viewpoint gets from each of many lights if nothing stands
-/// between, to be added to `weight`, sixteen for each group. A light across a horizon, the
-/// surface's or its own, counts by the part of its width and the surface's that is not behind it.
-/// Bit i of near[g] is set, and nothing added, where light i of group g is too near.
+/// Adds to `weight`, sixteen for each group, an estimate of what the surface around a viewpoint
+/// gets from each of many lights if nothing stands between. A light across a horizon, the surface's
+/// or its own, counts by the part of its width and the surface's that is not behind it. Where light
+/// i of group g is too near, bit i of near[g] is set and nothing is added.
 using WeighKernel = void (*)(const LightGroup*, std::uint32_t groups, const Viewpoint&,
                              float* weight, std::uint32_t* near);
 
-/// Where a triangle lies on its page, in texels. All that a look-up reads of it is in one cache
-/// line.
+/// The place of a triangle on its page, in texels. One cache line holds all that a look-up reads of
+/// it.
 struct alignas(32) PlacedTriangle {
   float first[2];  ///< u, v of the first corner
   float to_second[2], to_third[2];
@@ -97,22 +97,22 @@ struct alignas(32) PlacedTriangle {
 struct TexelGrid {
   static constexpr std::int32_t kWhole = 1 << 30;
 
-  /// All pages in one row, row by row: index of the texel, -1 where there is none. kWhole is added
-  /// where the block of the texel with its right, lower and diagonal neighbours is covered wholly
-  /// by one chart.
+  /// The cells of all pages in one row, row by row: the index of the texel, or -1. kWhole is added
+  /// when one chart covers the whole block of the texel with its right, lower and diagonal
+  /// neighbors.
   const std::int32_t* cells = nullptr;
   const PlacedTriangle* triangles = nullptr;
-  std::int32_t width = 0;  ///< of every page
+  std::int32_t width = 0;  ///< width of every page, texels
 };
 
-/// What look-ups find beside a texel.
+/// Values that look-ups return in place of a texel.
 inline constexpr std::uint32_t kHitNothing = 0xffffffffu;  ///< a one-sided surface's back
 inline constexpr std::uint32_t kHitSky = 0xfffffffeu;
-inline constexpr std::uint32_t kHitUnclear = 0xfffffffdu;  ///< for TexelLookup::pick to decide
+inline constexpr std::uint32_t kHitUnclear = 0xfffffffdu;  ///< TexelLookup::pick decides
 
-/// From sixteen hits to the texels that hold their light: one of the four around each, picked with
+/// Maps sixteen hits to the texels that hold their light: one of the four around each, picked with
 /// its bilinear weight by `u` in [0,1). Lanes with `triangle` 0xffffffff become kHitSky.
-/// @param back non-zero where the hit was met from behind
+/// @param back non-zero when the hit was met from behind
 using LookupKernel = void (*)(const TexelGrid&, const std::uint32_t* triangle, const float* bary_u,
                               const float* bary_v, const std::uint32_t* back, const float* u,
                               std::uint32_t* hit);
@@ -128,9 +128,9 @@ struct Kernels {
 
 enum class InstructionSet { kSse2, kAvx2, kAvx512 };
 
-/// The best version that this machine runs. Thread-safe.
+/// Returns the best version that this machine runs. Thread-safe.
 const Kernels& kernels();
-/// A given version; the machine must have it (see best_instruction_set()).
+/// Returns a given version, which the machine must have (see best_instruction_set()).
 const Kernels& kernels(InstructionSet);
 InstructionSet best_instruction_set();
 

@@ -143,7 +143,8 @@ void sample_light(const LightShape& light, const std::uint32_t* __restrict x,
   for (int i = 0; i < kLanes; ++i) px[i] = x[i ^ flip], py[i] = y[i ^ flip];
   const bool triangle = light.corners == 3;
   const int opposite = triangle ? 2 : 3;
-  // Read here: a read under the condition below would keep the loop from being vectorised.
+  // This is read here, since a read under the condition below would keep the loop from being
+  // vectorized.
   const float area = light.area_m2;
   for (int i = 0; i < kLanes; ++i) {
     const float u = unit(scramble(px[i], seed_x)), v = unit(scramble(py[i], seed_y));
@@ -186,7 +187,7 @@ void weigh_lights(const LightGroup* __restrict lights, std::uint32_t groups,
     float* __restrict w = weight + std::size_t(g) * kLanes;
     alignas(64) std::uint32_t bit[kLanes];
     for (int i = 0; i < kLanes; ++i) {
-      const float dx = l.centre[0][i] - px, dy = l.centre[1][i] - py, dz = l.centre[2][i] - pz;
+      const float dx = l.center[0][i] - px, dy = l.center[1][i] - py, dz = l.center[2][i] - pz;
       const float r = l.radius[i];
       const float d2 = dx * dx + dy * dy + dz * dz;
       const float slope = -(dx * l.normal[0][i] + dy * l.normal[1][i] + dz * l.normal[2][i]);

@@ -18,10 +18,10 @@ struct Footprint {
 
   simd::PointFrames frames() const;
 
-  /// Which of sixteen consecutive samples of a sequence goes with a point: a permutation, linear in
-  /// the bits. The points are a Sobol net themselves (see SamplePoint), so with its own number each
-  /// would go to the part of a lamp where it is itself on the texel, and the edges of shadows that
-  /// run across both would be met all at once.
+  /// Returns which of sixteen consecutive samples of a sequence goes with a point: a permutation,
+  /// linear in the bits. The points are a Sobol net themselves (see SamplePoint). With its own
+  /// number each would go to the part of a lamp where it is itself on the texel, and the edges of
+  /// shadows that run across both would be met all at once.
   static constexpr std::uint32_t sample_of(std::uint32_t point) {
     constexpr std::uint32_t kOfBit[4] = {4, 8, 3, 1};
     std::uint32_t sample = 0;
@@ -30,10 +30,11 @@ struct Footprint {
   }
 };
 
-/// Key of all random numbers of one texel (or tile, for kGatherTile), for one stream of samples.
+/// Returns the key of all random numbers of one texel (or tile, for kGatherTile), for one stream of
+/// samples.
 enum class SampleStream : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
 std::uint32_t texel_seed(const World&, std::uint32_t texel, SampleStream);
-/// Hashed with such a seed: for the directions that are drawn from the bright parts of the sky.
+/// A seed is hashed with this for the directions that are drawn from the bright parts of the sky.
 inline constexpr std::uint32_t kSkyDraws = 0x736b79;
 
 }  // namespace kiln::solver

@@ -14,20 +14,21 @@
 
 namespace kiln::solver {
 
-/// What a light that is not complete yet already shows, for the forecast of the rounds to come.
+/// Tells what a light that is not complete yet already shows, for the forecast of the rounds to
+/// come.
 enum class Shows { kNothingNew, kDirect, kFirstBounce };
 
-/// What a pass is. A round knows after prepare() only which planes it changes and how much work
-/// that is; everything else is known before, and alike in every process.
+/// Describes a pass. A round learns in prepare() which planes it changes and how much work that is.
+/// Everything else is known before, and is the same in every process.
 struct PassPlan {
-  std::string name;                  ///< for people and reports; nothing is decided by it
-  std::uint32_t index = 0;           ///< over the whole bake
+  std::string name;                  ///< for people and reports only
+  std::uint32_t index = 0;           ///< number in the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
-  lightmap::PlaneSet reads;          ///< of the light before, by batches and by prepare()
-  lightmap::PlaneSet writes;         ///< by batches; what a TexelPatch of the pass holds
-  lightmap::PlaneSet finishes;       ///< by finish(); may name planes of `writes` too
+  lightmap::PlaneSet reads;          ///< what batches and prepare() read of the light before
+  lightmap::PlaneSet writes;         ///< what batches write, and a TexelPatch of the pass holds
+  lightmap::PlaneSet finishes;       ///< what finish() writes; may name planes of `writes` too
   Work work;                         ///< expected effort of the batches
-  Work finish_work;                  ///< and of what follows them
+  Work finish_work;                  ///< expected effort of finish()
   /// The light has all its bounces afterwards. It is judged then, and shared planes are dropped.
   bool completes = false;
   Shows shows = Shows::kNothingNew;
@@ -49,34 +50,36 @@ class Pass {
 
   const PassPlan& plan() const { return plan_; }
   /// Makes what all batches need from the light before. Called once, from one thread, first.
-  /// False when stopped.
+  /// Returns false when stopped.
   virtual bool prepare(const lightmap::Lightmap& /*before*/, const exec::Workers&) { return true; }
   /// Computes the texels of `range`, which begins at a multiple of batch_texels, and writes no
   /// others. `after` holds what `before` does. Callable from many threads at once.
   /// @return rays traced
   virtual std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap& before,
                             const lightmap::LightmapView& after) const = 0;
-  /// Does what needs all texels at once. Called once after the batches, from one thread. False when
-  /// stopped.
+  /// Does what needs all texels at once. Called once after the batches, from one thread. Returns
+  /// false when stopped.
   virtual bool finish(lightmap::Lightmap& /*after*/, const exec::Workers&) { return true; }
-  /// Share of the pass's work in the first `share` of its texels. Any thread, after prepare().
+  /// Returns the share of the pass's work in the first `share` of its texels. Callable from any
+  /// thread after prepare().
   virtual double work_share(double share) const { return share; }
 
  protected:
   PassPlan plan_;
 };
 
-/// How far a pass has come.
+/// The progress of a pass.
 struct PassProgress {
   std::uint32_t texels = 0;  ///< the first so many are done: whole batches
   std::uint64_t rays = 0;    ///< traced for them
   double seconds = 0;        ///< since the pass began
 };
 
-/// Computes a range apart from everything else, as a process does that returns a patch. Any thread.
+/// Computes a range apart from everything else, as a process does that returns a patch. Callable
+/// from any thread.
 lightmap::TexelPatch compute_patch(const Pass&, atlas::TexelRange,
                                    const lightmap::Lightmap& before);
-/// What such a patch has to be.
+/// Returns the form that such a patch must have.
 lightmap::PatchForm patch_form(const PassPlan&, const lightmap::Lightmap&);
 
 }  // namespace kiln::solver

@@ -18,7 +18,7 @@ std::uint32_t first_samples(float target_error) {
 constexpr std::uint32_t kFirstOfMany = 16;
 /// Below this target the bias of interpolated texels would be felt.
 constexpr float kFinestCoarseTarget = 0.008f;
-/// Samples per texel of a method without a target, where nobody said how many.
+/// The samples per texel of a method without a target, when the settings don't say how many.
 constexpr std::uint32_t kFixedSamples = 256;
 
 /// The samples at first of both plans.

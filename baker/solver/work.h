@@ -5,9 +5,9 @@
 
 namespace kiln::solver {
 
-/// Expected effort, for the estimates of progress and of the time that is left, nothing else: about
-/// what a shadow ray costs for every texel. By kind, since the ratios between kinds differ by four
-/// from scene to scene, and are known once something of each has been done.
+/// The expected effort, only for the estimates of progress and of the remaining time. One unit is
+/// about the cost of a shadow ray for every texel. Kinds of work are kept apart, since the ratios
+/// between them differ by four from scene to scene, and are known once some of each has been done.
 struct Work {
   enum Kind { kShadowRays, kDirections, kOther, kKinds };
   std::array<double, kKinds> of{};
@@ -28,7 +28,7 @@ struct Work {
   }
 };
 
-/// About what parts of a bake cost. Measured over six scenes, and rough.
+/// The approximate cost of parts of a bake, measured over six scenes.
 namespace work {
 
 inline constexpr double kDirection = 1.1;    ///< a gathering ray

@@ -11,10 +11,10 @@
 
 namespace kiln::solver {
 
-/// All that a method reads: the scene, made ready, and how it is to be lit. The settings and the
-/// plan of samples are part of it, since whatever draws a sample asks for the seed and the
-/// techniques. Immutable; outlives the solvers and passes that are made from it. Any process that
-/// prepares the same bake has the same world.
+/// Holds all that a method reads: the scene, made ready, and how it is to be lit. The settings and
+/// the plan of samples are part of it, since all sampling needs the seed and the techniques.
+/// Immutable; outlives the solvers and passes that are made from it. Any process that prepares the
+/// same bake has the same world.
 struct World {
   const scene::Scene& scene;
   const atlas::Atlas& atlas;

@@ -97,7 +97,7 @@ proto::Expected<RayScene> RayScene::build(const scene::Scene& scene, std::stop_t
   rtcReleaseGeometry(mesh);
   rtcSetSceneProgressMonitorFunction(impl->scene, keep_building, &stop);
   rtcCommitScene(impl->scene);
-  if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "The job was canceled.");
+  if (stop.stop_requested()) return proto::canceled();
   if (const RTCError error = rtcGetDeviceError(impl->device); error != RTC_ERROR_NONE) {
     if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
     throw std::runtime_error("Embree error " + std::to_string(error));

@@ -10,18 +10,19 @@
 
 namespace kiln::trace {
 
-/// From a point of the surface to the texel that holds its light.
+/// Finds the texel that holds the light of a point of the surface.
 class TexelLookup {
  public:
   TexelLookup(const scene::Scene&, const atlas::Atlas&, const atlas::TextureGroup&);
 
-  /// One of the four texels around the point, picked by `u` in [0,1) with the probability of its
-  /// bilinear weight times its coverage; texels of other charts weigh nothing. The mean over u is
-  /// the bilinear look-up, at the cost of one fetch. `back` asks for the side behind. kNoTexel when
-  /// no texel near the point belongs to the surface, or the surface is one-sided and `back` is set.
+  /// Returns one of the four texels around the point, picked by `u` in [0,1) with the probability
+  /// of its bilinear weight times its coverage; texels of other charts weigh nothing. The mean over
+  /// u is the bilinear look-up, at the cost of one fetch. `back` asks for the side behind. Returns
+  /// kNoTexel when no texel near the point belongs to the surface, or when the surface is one-sided
+  /// and `back` is set.
   std::int32_t pick(std::uint32_t triangle, scene::Bary, bool back, float u) const;
 
-  /// The same for the common case, sixteen at a time: for LookupKernel.
+  /// Returns the same for the common case, sixteen at a time: the grid for LookupKernel.
   simd::TexelGrid grid() const { return {cells_.data(), triangles_.data(), width_}; }
 
  private:

@@ -31,7 +31,7 @@ Api::Api(ApiParts parts)
 
 http::Response Api::handle(http::Request& request) {
   const std::string& path = request.head.path;
-  if (path != "/" && path != "/openapi.json") {  // both are the same for everybody
+  if (path != "/" && path != "/openapi.json") {  // both are the same for all clients
     auto principal = gate_.admit(request.head);
     if (!principal) return problem(principal.error(), request);
     request.principal = std::move(*principal);

@@ -26,7 +26,7 @@ struct ApiParts {
   const auth::Gate& gate;
   SceneCheck check;
   unsigned bake_threads = 1;
-  std::uint64_t import_memory_bytes = 0;  ///< that reading one scene may take; 0: no limit
+  std::uint64_t import_memory_bytes = 0;  ///< memory that reading one scene may take; 0: no limit
 };
 
 /// The API on its port (docs/http-api.md): admits a client, within its rates, to the routes.

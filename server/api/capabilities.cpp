@@ -16,7 +16,7 @@ namespace {
 using base::ServerConfig;
 using files::ImportLimits;
 
-/// Where the figures of the limits come from.
+/// The source of the figures of the limits.
 struct LimitSources {
   const Capabilities& part;
   const ImportLimits import;
@@ -37,7 +37,8 @@ std::uint64_t of_import(const LimitSources& from) {
   return from.import.*member;
 }
 
-// Every limit that a client can meet, by its name in the API. 0: there is none.
+// The table holds every limit that a client can meet, by its name in the API. 0 means that there is
+// none.
 constexpr Limit kLimits[] = {
     {"job_seconds", configured<&ServerConfig::max_job_seconds>},
     {"tenant_queued_jobs", configured<&ServerConfig::max_queued_jobs_per_tenant>},

@@ -15,12 +15,12 @@ struct Capabilities {
   const jobs::Admission& admission;
   const data::UploadStore& uploads;
   unsigned bake_threads;
-  std::uint64_t import_memory_bytes;  ///< that reading one scene may take; 0: no limit
+  std::uint64_t import_memory_bytes;  ///< memory that reading one scene may take; 0: no limit
 };
 
-/// Version, methods, settings, limits, and what the client's tenant has used of them.
+/// Returns version, methods, settings, limits, and what the client's tenant has used of them.
 http::Response get_capabilities(const Capabilities&, http::Request&);
-/// A hint for people, as text.
+/// Returns a hint for people, as text.
 http::Response get_root(const Capabilities&, http::Request&);
 http::Response get_openapi(const Capabilities&, http::Request&);
 

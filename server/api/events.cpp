@@ -16,7 +16,7 @@ namespace {
 using proto::Expected;
 using proto::fail;
 
-// The id of the last event that the client has: `Last-Event-ID` before `?after=`.
+// Returns the id of the last event that the client has: `Last-Event-ID` before `?after=`.
 Expected<std::optional<std::uint64_t>> last_seen_event(const http::Request& request) {
   if (request.head.http_1_0) return fail("bad_request", "An event stream needs HTTP/1.1.");
   const std::string* header = request.head.header("last-event-id");
@@ -56,7 +56,7 @@ http::Response get_events(const Events& part, http::Request& request) {
   }
   http::StreamContent stream{ring, last_seen, kIntro};
   if (!tail.complete) {
-    // Read after the ring: the snapshot holds at least what its id promises.
+    // The job is read after the ring, so the snapshot holds at least what its id promises.
     auto now = part.lookup.get(job->id);
     if (!now) return problem(now.error(), request);
     stream.intro += http::sse_text({tail.last, "snapshot", proto::to_text(proto::to_json(*now))});

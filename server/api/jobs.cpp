@@ -19,7 +19,7 @@ using proto::fail;
 constexpr std::uint32_t kDefaultPage = 50, kMaxPage = 200;
 constexpr std::size_t kMaxLabelFilters = 8;
 
-// ?state=&label=name:value&limit=&cursor=
+// Reads the query ?state=&label=name:value&limit=&cursor=
 Expected<store::JobFilter> read_filter(const http::Request& request) {
   store::JobFilter filter;
   if (const std::string* state = request.head.query_value("state")) {
@@ -65,7 +65,8 @@ std::string etag_of(std::uint64_t version) {
   return "\"" + std::to_string(version) + "\"";
 }
 
-// The only member of an optional body, one of a few words; the first of them when it is not there.
+// Reads the only member of an optional body, one of a few words; the first of them when it is not
+// there.
 proto::Expected<std::string> read_choice(const std::optional<nlohmann::json>& body,
                                          const char* name, const std::vector<std::string>& words) {
   if (!body) return words.front();
@@ -199,7 +200,7 @@ http::Response delete_job(const Jobs& part, http::Request& request) {
   if (force && *force != "true" && *force != "false")
     return problem({"bad_request",
                     "`force` has to be true or false.",
-                    {{"request", "/query/force", "not true or false"}}},
+                    {{"request", "/query/force", "expected true or false"}}},
                    request);
   auto removed = part.control.remove(job->id, force && *force == "true");
   return removed ? no_content() : problem(removed.error(), request);

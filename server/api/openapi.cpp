@@ -57,7 +57,7 @@ json path_parameter(const char* name, const char* pattern) {
 const json kText = {{"type", "string"}};
 const json kNumber = {{"type", "integer"}, {"minimum", 0}};
 
-/// One operation. Everything that goes wrong is a Problem.
+/// Makes one operation. Everything that goes wrong is a Problem.
 json operation(const char* id, const char* summary, json responses, json parameters = json::array(),
                json body = nullptr) {
   for (const char* failures : {"4XX", "5XX"})
@@ -69,7 +69,7 @@ json operation(const char* id, const char* summary, json responses, json paramet
   return out;
 }
 
-/// An operation that needs no token.
+/// Makes an operation that needs no token.
 json open_to_all(json operation) {
   operation["security"] = json::array();
   return operation;
@@ -86,7 +86,7 @@ json choice_body(const char* member, const json& words) {
                    false);
 }
 
-/// A scene as the body: the bare file, or a form with side files.
+/// Describes a scene as the body: the bare file, or a form with side files.
 json scene_body(json form_members) {
   form_members["scene"] = {{"type", "string"}, {"contentMediaType", "application/octet-stream"}};
   json types = content(

@@ -42,7 +42,7 @@ json list_of(json items) {
   return {{"type", "array"}, {"items", std::move(items)}};
 }
 
-/// An object of exactly these members.
+/// Makes an object of exactly these members.
 json closed(json properties) {
   json required = json::array();
   for (const auto& [name, schema] : properties.items()) required.push_back(name);

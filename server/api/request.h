@@ -14,11 +14,11 @@
 /// Helpers that read a request, or answer it, alike for several resources.
 namespace kiln::api {
 
-/// How long a request may ask to wait.
+/// The longest time that a request may ask to wait.
 inline constexpr std::uint32_t kMaxWaitSeconds = 60;
 
-/// Reads a number from the query; nothing when it is not there. Errors: `bad_request`, with the
-/// parameter's name.
+/// Reads a number from the query. Returns nothing when it is not there. Errors: `bad_request`, with
+/// the parameter's name.
 proto::Expected<std::optional<std::uint64_t>> query_number(const http::Request&, const char* name,
                                                            std::uint64_t max);
 /// Reads a whole number from a header, likewise.
@@ -33,7 +33,7 @@ http::Response receive_json_object(http::Request&, const Intake&, JsonAnswer);
 
 http::Response no_content();                           ///< 204
 http::Response not_modified(const std::string& etag);  ///< 304
-/// Whether the request's If-None-Match names this entity tag.
+/// Returns whether the request's If-None-Match names this entity tag.
 bool client_has(const http::Request&, const std::string& etag);
 
 /// A slot of a semaphore, which it gives back.

@@ -34,7 +34,7 @@ http::Response unsatisfiable(std::uint64_t size, const http::Request& request) {
   return problem(error, request).header("Content-Range", "bytes */" + std::to_string(size));
 }
 
-// Immutable content with a strong ETag: all of it, a range, or 304 and 416.
+// Answers with immutable content under a strong ETag: all of it, a range, or 304 and 416.
 http::Response content_response(const http::Request& request, const std::string& etag,
                                 const http::Content& content) {
   const std::uint64_t size = length_of(content);
@@ -54,7 +54,7 @@ http::Response content_response(const http::Request& request, const std::string&
   return response;
 }
 
-// The name and its page number for page_07.exr, where settings asked for EXR files.
+// Returns the name and its page number for page_07.exr, when settings asked for EXR files.
 std::string exr_name(std::uint64_t page) {
   const std::string digits = std::to_string(page);
   return "page_" + std::string(digits.size() < 2 ? "0" : "") + digits + ".exr";
@@ -83,7 +83,7 @@ proto::Expected<proto::Job> find_finished(const Results& part, const http::Reque
       "not_found", "Job " + job->id + " " + proto::to_string(job->state) + ": it has no results.");
 }
 
-// The log of a job without results: one that runs or failed. Nothing: there is none yet.
+// Returns the log of a job without results: one that runs or failed. Nothing: there is none yet.
 std::optional<http::Response> log_response(const data::DataFolder& data, const std::string& id) {
   auto text = proto::read_file(jobs::JobLog::path(data, id), jobs::JobLog::kMaxBytes);
   if (!text) return std::nullopt;
@@ -186,7 +186,8 @@ http::Response get_result(const Results& part, http::Request& request) {
                                                     "; filename=\"" + name + "\"");
 }
 
-// All files in one answer. The name of the whole follows from the names and digests of its parts.
+// Answers with all files at once. The name of the whole follows from the names and digests of its
+// parts.
 http::Response get_results_zip(const Results& part, http::Request& request) {
   auto job = find_finished(part, request);
   if (!job) return problem(job.error(), request);

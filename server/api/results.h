@@ -12,7 +12,7 @@ namespace kiln::api {
 struct Results {
   const jobs::JobLookup& lookup;
   const data::DataFolder& data;
-  std::counting_semaphore<>& previews;  ///< that may be made at a time
+  std::counting_semaphore<>& previews;  ///< previews that may be made at a time
 };
 
 http::Response get_results(const Results&, http::Request&);

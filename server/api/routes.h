@@ -31,7 +31,7 @@ struct Resources {
 /// Returns the router of the API; `resources` live longer than it.
 http::Router make_router(const Resources&);
 
-/// Method and pattern of every route of the API.
+/// Returns method and pattern of every route of the API.
 std::vector<std::pair<std::string, std::string>> api_routes();
 
 }  // namespace kiln::api

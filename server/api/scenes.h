@@ -14,7 +14,7 @@
 
 namespace kiln::api {
 
-/// baker::check_scene, or a test's stand-in.
+/// Is baker::check_scene, or a test's stand-in.
 using CheckFunction =
     std::function<proto::Expected<void>(const files::SceneFiles&, const proto::BakeSettings&)>;
 
@@ -43,7 +43,7 @@ http::Response get_scene(const Scenes&, http::Request&);
 http::Response scene_response(int status, const data::StoredScene&);
 std::string scene_path(const data::StoredScene&);
 
-/// Whether the client uploaded this scene, or may see it. Errors: `not_found`.
+/// Returns whether the client uploaded this scene, or may see it. Errors: `not_found`.
 proto::Expected<void> check_owner(const Scenes&, const http::Request&, const std::string& scene);
 /// Puts a scene into the store, as one of the client's.
 proto::Expected<data::SceneStore::Put> put_scene(const Scenes&, const http::Request&,

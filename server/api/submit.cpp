@@ -16,7 +16,7 @@
 namespace kiln::api {
 namespace {
 
-/// A job as it was asked for: of a scene that is stored, or of one that came along.
+/// A job as the request asks for it: of a scene that is stored, or of one that came along.
 struct JobRequest {
   jobs::Submission job;
   std::optional<data::SceneUpload> upload;
@@ -24,7 +24,8 @@ struct JobRequest {
 };
 using JobRequestAnswer = std::function<http::Response(http::Request&, proto::Expected<JobRequest>)>;
 
-// The seconds of `Prefer: wait=30` (RFC 7240), at most as long as any request may wait; 0: none.
+// Returns the seconds of `Prefer: wait=30` (RFC 7240), at most as long as any request may wait; 0
+// means none.
 std::chrono::seconds preferred_wait(const http::Request& request) {
   const std::string* header = request.head.header("prefer");
   std::string_view list = header ? std::string_view(*header) : std::string_view();

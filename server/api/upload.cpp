@@ -17,8 +17,8 @@ using proto::fail;
 
 constexpr std::size_t kMaxFileName = 1024;
 
-/// Text that arrives in pieces. Thousands may be arriving: what is longer than a little waits in a
-/// file without a name.
+/// Collects text that arrives in pieces. Thousands of texts may be arriving: a longer one waits in
+/// a file without a name.
 class TextSpool {
  public:
   explicit TextSpool(const data::DataFolder& data) : data_(&data) {}
@@ -151,7 +151,7 @@ class UploadReceiver::Parts {
   std::optional<TextSpool> settings_, options_;
   const Intake intake_;
   const bool for_job_;
-  TextSpool* text_ = nullptr;  ///< of the part that is being read, if it is no file
+  TextSpool* text_ = nullptr;  ///< text of the part that is being read, if it is no file
   bool is_main_ = false;
   std::string name_;
   std::optional<proto::HashingFile> file_;

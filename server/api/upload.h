@@ -44,7 +44,7 @@ class UploadReceiver {
   /// Takes the next piece of the body. Errors: `payload_too_large`, `bad_request`,
   /// `invalid_request`, `storage_full`, `io_error`.
   proto::Expected<void> take(std::string_view bytes);
-  /// After the last piece, once. Same errors.
+  /// Ends the body, once, after the last piece. Same errors.
   proto::Expected<Upload> finish();
 
  private:
@@ -54,21 +54,21 @@ class UploadReceiver {
   std::optional<http::MultipartReader> multipart_;  ///< none: the body is the scene
 };
 
-/// The response that receives a scene, then answers with what came of it: an UploadReceiver's
-/// errors and those of Receive.
+/// Returns the response that receives a scene, then answers with what came of it. Errors: those of
+/// an UploadReceiver and of Receive.
 using UploadAnswer = std::function<http::Response(http::Request&, proto::Expected<Upload>)>;
 http::Response receive_upload(http::Request&, const Intake&, bool for_job, UploadAnswer);
 
-/// The response that receives a body of text, within limits.json_bytes. What is long lies on the
-/// disk until it is whole. Errors: `unsupported_media_type`, `storage_full`, `io_error`, and those
-/// of Receive.
+/// Returns the response that receives a body of text, within limits.json_bytes. Long text lies on
+/// the disk until it is whole. Errors: `unsupported_media_type`, `storage_full`, `io_error`, and
+/// those of Receive.
 using TextAnswer = std::function<http::Response(http::Request&, proto::Expected<std::string>)>;
 http::Response receive_text(http::Request&, const Intake&, TextAnswer);
 
-/// Whether a scene can be sent as this media type.
+/// Returns whether a scene can be sent as this media type.
 bool is_scene_type(const std::string& media_type);
 
-/// The media type of a Content-Type, lower case, without parameters; "" when absent.
+/// Returns the media type of a Content-Type, lower case, without parameters; "" when absent.
 std::string media_type(const http::RequestHead&);
 
 }  // namespace kiln::api

@@ -15,7 +15,7 @@ struct Uploads {
   data::UploadStore& uploads;
   const store::JobStore& store;
   const Scenes& scenes;
-  std::uint64_t max_bytes_per_tenant;  ///< of results and uploads; 0: no limit
+  std::uint64_t max_bytes_per_tenant;  ///< size of results and uploads; 0: no limit
 };
 
 http::Response post_upload(const Uploads&, http::Request&);

@@ -15,7 +15,7 @@ struct WebhookTests {
   std::counting_semaphore<>& slots;  ///< tests at a time
 };
 
-/// Sends one message and answers with what came of it. Holds a thread meanwhile.
+/// Sends one message and answers with what came of it. It holds a thread meanwhile.
 http::Response test_webhook(const WebhookTests&, http::Request&);
 
 }  // namespace kiln::api

@@ -16,9 +16,9 @@ struct ZipEntry {
   std::uint64_t bytes = 0;
 };
 
-/// A ZIP archive of files as they are (no compression: EXR, PNG and glTF are compressed already),
-/// with ZIP64 fields where sizes need them. The same files give the same bytes; the length is known
-/// before one is sent. Reads every file once, for its CRC. Errors: `io_error`.
+/// Makes a ZIP archive of files as they are (no compression: EXR, PNG and glTF are compressed
+/// already), with ZIP64 fields when sizes need them. The same files give the same bytes; the length
+/// is known before one is sent. It reads every file once, for its CRC. Errors: `io_error`.
 proto::Expected<http::Content> zip_of(const std::vector<ZipEntry>&);
 
 }  // namespace kiln::api

@@ -8,13 +8,13 @@
 
 namespace kiln::auth {
 
-/// Decides who a request comes from, by its head alone: before a byte of its body is read.
+/// Finds the sender of a request by its head alone, before a byte of its body is read.
 class Gate {
  public:
   explicit Gate(TokenStore& tokens) : tokens_(tokens) {}
 
-  /// Without tokens everybody is anonymous and may do everything, but web pages of other sites:
-  /// those could otherwise use a visitor's browser to reach a service on loopback.
+  /// Without tokens all clients are anonymous and may do everything, except web pages of other
+  /// sites: those could otherwise use a visitor's browser to reach a service on loopback.
   /// Errors: `unauthorized`, `forbidden_scope`, `forbidden_origin`.
   proto::Expected<base::Principal> admit(const http::RequestHead&) const;
 
@@ -22,7 +22,7 @@ class Gate {
   TokenStore& tokens_;
 };
 
-/// Whether only this machine can reach the address (a name or a number).
+/// Returns whether only this machine can reach the address (a name or a number).
 bool is_loopback(const std::string& address);
 
 }  // namespace kiln::auth

@@ -18,7 +18,7 @@ RateLimiter::State RateLimiter::state(const std::string& key, Clock::time_point 
   constexpr double kMinute = 60;
   const double capacity = per_minute_;
   const auto seconds = [&](double requests) {
-    constexpr double kRounding = 1e-6;  // of sums of fractions
+    constexpr double kRounding = 1e-6;  // rounding error of sums of fractions
     return static_cast<std::uint32_t>(
         std::ceil(std::max(0.0, requests * kMinute / capacity - kRounding)));
   };

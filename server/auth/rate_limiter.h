@@ -8,8 +8,8 @@
 
 namespace kiln::auth {
 
-/// So many requests a minute for each key, all of them at once if it likes: a bucket that holds a
-/// minute's worth and fills evenly. Thread-safe. Keys are tenants and tokens, which are few.
+/// Limits the requests a minute of each key: a bucket holds a minute's worth and fills evenly, so
+/// all of them may come at once. Thread-safe. Keys are tenants and tokens, which are few.
 class RateLimiter {
  public:
   using Clock = std::chrono::steady_clock;
@@ -17,7 +17,7 @@ class RateLimiter {
   explicit RateLimiter(std::uint32_t per_minute) : per_minute_(per_minute) {}  ///< 0: no limit
 
   struct State {
-    bool limited = false;         ///< whether there is a limit at all
+    bool limited = false;         ///< there is a limit
     bool allowed = true;          ///< this request
     std::uint32_t limit = 0;      ///< requests a minute
     std::uint32_t remaining = 0;  ///< requests that would be allowed now

@@ -15,11 +15,11 @@
 
 namespace kiln::auth {
 
-/// A bearer token as stored. The secret itself is nowhere: only its SHA-256.
+/// A bearer token as stored. Only the SHA-256 of its secret is kept.
 struct Token {
   std::string id;  ///< tok_...
   std::string tenant;
-  std::vector<std::string> scopes;     ///< of kScopes
+  std::vector<std::string> scopes;     ///< members of kScopes
   std::string created_at;              ///< RFC 3339
   std::string expires_at, revoked_at;  ///< "" when never
   std::array<unsigned char, 32> digest{};
@@ -38,7 +38,7 @@ class TokenStore {
     Token token;
     std::string secret;  ///< shown once
   };
-  /// `seconds`: how long it is valid; 0: until it is revoked.
+  /// Makes a token that is valid for `seconds`; 0: until it is revoked.
   /// Errors: `invalid_request` when the tenant is not 1 to 63 characters of [A-Za-z0-9._-], or a
   /// scope is unknown or missing.
   proto::Expected<Created> create(const std::string& tenant, const std::vector<std::string>& scopes,
@@ -47,9 +47,9 @@ class TokenStore {
   /// Errors: `not_found`.
   proto::Expected<void> revoke(const std::string& id);
 
-  /// Whether there is, or ever was, a token: then requests need one.
+  /// Returns whether there is, or ever was, a token: then requests need one.
   bool required();
-  /// The token's owner, if it is valid now. Takes the same time whichever bytes differ.
+  /// Returns the token's owner, if it is valid now. It takes the same time whichever bytes differ.
   std::optional<base::Principal> authenticate(std::string_view secret);
 
  private:
@@ -57,7 +57,7 @@ class TokenStore {
 
   std::mutex mutex_;
   store::Database database_;
-  std::vector<Token> tokens_;       ///< as of data_version_
+  std::vector<Token> tokens_;       ///< read at data_version_
   std::int64_t data_version_ = -1;  ///< changes when another process wrote
 };
 

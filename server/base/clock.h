@@ -3,7 +3,7 @@
 #include <chrono>
 #include <string>
 
-/// The wall clock, as texts.
+/// These give the wall clock as texts.
 namespace kiln::base {
 
 /// Returns the time now, or so many seconds later: RFC 3339, UTC, with milliseconds. Such texts

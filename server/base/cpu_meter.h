@@ -12,10 +12,10 @@ namespace kiln::base {
 /// Thread-safe.
 class CpuMeter {
  public:
-  /// `clock`: processor seconds used so far; a test's stand-in for that of the process.
+  /// `clock` returns the processor seconds used so far; a test replaces that of the process.
   explicit CpuMeter(std::function<double()> clock = process_seconds);
 
-  /// One job that runs, until it is destroyed.
+  /// Counts one job as running until it is destroyed.
   class Run {
    public:
     explicit Run(CpuMeter&);
@@ -38,7 +38,7 @@ class CpuMeter {
   std::mutex mutex_;
   double seen_ = 0;                         ///< guarded by mutex_
   std::uint64_t next_ = 0;                  ///< guarded by mutex_
-  std::map<std::uint64_t, double> shares_;  ///< of the jobs that run; guarded by mutex_
+  std::map<std::uint64_t, double> shares_;  ///< shares of the jobs that run; guarded by mutex_
 };
 
 }  // namespace kiln::base

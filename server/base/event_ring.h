@@ -11,13 +11,13 @@
 
 namespace kiln::base {
 
-/// The latest events of one job, or of all jobs of a tenant, for their streams. Thread-safe.
+/// Holds the latest events of one job, or of all jobs of a tenant, for their streams. Thread-safe.
 class EventRing {
  public:
   static constexpr std::size_t kCapacity = 1024;
 
-  /// Makes the ring of a job, whose ids have no holes. `kept`: the tail of its stored events, in
-  /// order; `last`: the highest id ever given.
+  /// Makes the ring of a job, whose ids have no holes. `kept` is the tail of its stored events, in
+  /// order; `last` is the highest id ever given.
   explicit EventRing(std::uint64_t last = 0, std::vector<proto::Event> kept = {});
   /// Makes the ring of many jobs: job.end ends nothing, and ids may have holes. Nothing is missing
   /// after `floor`.
@@ -33,7 +33,7 @@ class EventRing {
     bool ended = false;    ///< job.end is the last of `events`, or is at or before `after`
     std::uint64_t last = 0;
   };
-  /// The first `limit` events after `id`.
+  /// Returns the first `limit` events after `id`.
   Tail after(std::uint64_t id, std::size_t limit = kCapacity) const;
 
  private:

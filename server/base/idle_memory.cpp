@@ -27,7 +27,7 @@ IdleMemory::IdleMemory(std::function<bool()> idle, std::chrono::milliseconds int
         std::mutex mutex;
         std::condition_variable_any wake;
         std::unique_lock lock(mutex);
-        std::uint64_t left = 0;  // what the last trim could not give back
+        std::uint64_t left = 0;  // bytes that the last trim could not give back
         while (!stop.stop_requested()) {
           wake.wait_for(lock, stop, interval, [] { return false; });
           if (stop.stop_requested() || anonymous_memory_bytes() < left + kWorthIt || !idle())

@@ -12,7 +12,8 @@ namespace kiln::base {
 /// used until the next burst.
 class IdleMemory {
  public:
-  /// `idle`: whether nothing runs now. It is asked on a thread of this object's, every `interval`.
+  /// `idle` returns whether nothing runs now. It is asked on a thread of this object's, every
+  /// `interval`.
   explicit IdleMemory(std::function<bool()> idle,
                       std::chrono::milliseconds interval = std::chrono::seconds(2));
 
@@ -20,7 +21,7 @@ class IdleMemory {
   std::jthread thread_;
 };
 
-/// Memory of this process that no file stands behind; 0 when the system does not tell.
+/// Returns the memory of this process that no file stands behind; 0 when the system does not tell.
 std::uint64_t anonymous_memory_bytes();
 
 }  // namespace kiln::base

@@ -5,14 +5,14 @@
 
 namespace kiln::base {
 
-/// `prefix` + 26 characters of [0-9a-z]: 48 bits of time, then 80 random bits, so that ids sort by
-/// age and can't be guessed.
+/// Returns `prefix` + 26 characters of [0-9a-z]: 48 bits of time, then 80 random bits, so that ids
+/// sort by age and can't be guessed.
 std::string new_id(std::string_view prefix);
 
-/// `prefix` + 52 random characters of [0-9a-z]: 260 bits that nobody guesses.
+/// Returns `prefix` + 52 random characters of [0-9a-z]: 260 bits, which can't be guessed.
 std::string new_secret(std::string_view prefix);
 
-/// Whether `text` is `prefix` + 26 characters of [0-9a-z].
+/// Returns whether `text` is `prefix` + 26 characters of [0-9a-z].
 bool is_id(std::string_view text, std::string_view prefix);
 
 }  // namespace kiln::base

@@ -10,7 +10,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A number alone in a file; nothing for "max" and for files that are not there.
+// Returns the number that a file holds alone; nothing for "max" and for files that are not there.
 std::optional<std::uint64_t> number_in(const fs::path& path) {
   std::ifstream in(path);
   std::uint64_t value = 0;
@@ -25,7 +25,7 @@ std::uint64_t available(const fs::path& meminfo) {
   return 0;
 }
 
-// The process's group in the unified hierarchy, "/a/b"; "/" within a container.
+// Returns the process's group in the unified hierarchy, "/a/b"; "/" within a container.
 std::string group_of(const fs::path& cgroup) {
   std::ifstream in(cgroup);
   for (std::string line; std::getline(in, line);)

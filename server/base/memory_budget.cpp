@@ -137,7 +137,7 @@ proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
   if (!there) {
     lock.unlock();
     if (hook_ && needed > 0) hook_();
-    if (stop.stop_requested()) return proto::fail(proto::kCanceledCode, "canceled");
+    if (stop.stop_requested()) return proto::canceled();
     return overloaded();
   }
   ++running_;

@@ -17,22 +17,22 @@
 
 namespace kiln::base {
 
-/// The machine's memory, shared between bakes, which reserve what they are estimated to take, and
+/// Shares the machine's memory between bakes, which reserve what they are estimated to take, and
 /// import processes, which are held to what they were given. Thread-safe.
 ///
-/// So that an upload can be read while bakes have all that is theirs, a little is set aside for
-/// each of the import processes that may run at once; what one needs beyond comes from what bakes
+/// A little is set aside for each of the import processes that may run at once, so that an upload
+/// can be read while bakes have all of theirs. What a process needs beyond comes from what bakes
 /// left, and is waited for.
 class MemoryBudget {
  public:
   struct Imports {
-    std::uint32_t processes = 0;                           ///< at once; 0: there are none
-    std::uint64_t most_bytes = 0;                          ///< that one is ever given
+    std::uint32_t processes = 0;   ///< at once; 0: there are none
+    std::uint64_t most_bytes = 0;  ///< the most that a process is ever given
     std::uint64_t least_bytes = std::uint64_t(256) << 20;  ///< set aside for each, if that leaves
                                                            ///< three quarters for bakes
     /// Less is of no use to any: where not so much can be set aside for each, there are fewer.
     std::uint64_t floor_bytes = std::uint64_t(64) << 20;
-    std::uint32_t impatient = UINT32_MAX;  ///< that may wait at a time with `patience`
+    std::uint32_t impatient = UINT32_MAX;  ///< number that may wait at a time with `patience`
   };
   /// @param bytes 0: no limit
   explicit MemoryBudget(std::uint64_t bytes) : MemoryBudget(bytes, Imports{}) {}
@@ -44,13 +44,14 @@ class MemoryBudget {
   std::uint64_t for_bakes() const;
   /// Returns what one more may reserve now.
   std::uint64_t free_bytes() const;
-  /// Whether import processes have, and wait for, nothing beyond what is set aside for them.
+  /// Returns whether import processes have, and wait for, nothing beyond what is set aside for
+  /// them.
   bool imports_are_modest() const;
-  /// Reserves so much for a job, in place of what it had. False, and no change, when there is not
-  /// so much beside the others.
+  /// Reserves so much for a job, in place of what it had. Returns false, and changes nothing, when
+  /// there is not so much beside the others.
   bool reserve(const std::string& job, std::uint64_t bytes);
   void release(const std::string& job);
-  std::uint64_t reserved() const;  ///< by bakes
+  std::uint64_t reserved() const;  ///< bytes reserved by bakes
   std::uint64_t reserved(const std::string& job) const;
 
   /// The right to run one import process. Ends with the object.
@@ -59,7 +60,7 @@ class MemoryBudget {
     Place(Place&& other) noexcept;
     Place& operator=(Place&&) = delete;
     ~Place();
-    std::uint64_t bytes() const { return bytes_; }  ///< that the process may take; 0: no limit
+    std::uint64_t bytes() const { return bytes_; }  ///< limit of the process; 0: none
 
    private:
     friend class MemoryBudget;
@@ -69,11 +70,11 @@ class MemoryBudget {
     std::uint64_t bytes_, taken_;
   };
   std::uint32_t processes() const { return imports_.processes; }  ///< import processes at once
-  /// Most that an import process can be given, once bakes have ended. 0: no limit.
+  /// Returns the most that an import process can be given, once bakes have ended. 0: no limit.
   std::uint64_t for_import() const;
-  /// Waits for a place with so many bytes; fewer than the least become the least. Who waits for
-  /// more than that is served in the order of arrival, and bakes that would need what is waited for
-  /// are not let in meanwhile.
+  /// Waits for a place with so many bytes; fewer than the least become the least. Callers that wait
+  /// for more than that are served in the order of arrival, and bakes that would need what is
+  /// waited for are not let in meanwhile.
   ///
   /// A process of `job` draws on what the job has reserved, since its process and its bake take
   /// turns. When that is not enough the job gives it up for as long as it waits: a job that waits
@@ -83,8 +84,8 @@ class MemoryBudget {
                                std::optional<std::chrono::milliseconds> patience = {},
                                const std::string& job = {});
 
-  /// For those that were refused: calls `wake` once, from any thread and with no lock held, when a
-  /// process has ended, the longest watch first. Ends with what it returns.
+  /// Calls `wake` once when a process has ended, for a caller that was refused. The call comes from
+  /// any thread with no lock held, the longest watch first. The watch ends with what this returns.
   std::shared_ptr<const void> watch(std::function<void()> wake);
 
   /// Called, with no lock held, when a process has to wait because all places are taken: it gives
@@ -110,11 +111,11 @@ class MemoryBudget {
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::map<std::string, std::uint64_t> reserved_;  ///< by job
+  std::map<std::string, std::uint64_t> reserved_;  ///< bytes by job
   std::uint32_t running_ = 0;                      ///< import processes
-  std::uint64_t taken_ = 0;                        ///< by them, beyond what is set aside
-  std::uint64_t wanted_ = 0;                       ///< likewise, by those that wait
-  std::uint32_t impatient_ = 0;                    ///< that wait with patience
+  std::uint64_t taken_ = 0;      ///< bytes taken by processes, beyond what is set aside
+  std::uint64_t wanted_ = 0;     ///< likewise, by those that wait
+  std::uint32_t impatient_ = 0;  ///< number that wait with patience
   std::uint64_t last_ticket_ = 0;
   std::set<std::uint64_t> line_;  ///< tickets of those that wait for memory
   std::list<std::weak_ptr<const std::function<void()>>> watches_;

@@ -19,8 +19,8 @@ class Metrics {
   Metrics(const Metrics&) = delete;
   Metrics& operator=(const Metrics&) = delete;
 
-  /// A request was answered, or its client has gone: 499. `route` is the pattern, never the path:
-  /// that would be a series per job.
+  /// Counts a request that was answered, or whose client has gone: 499. `route` is the pattern,
+  /// never the path, which would be a series per job.
   void request(std::string_view method, std::string_view route, int status, double seconds);
   void job_started(double seconds_in_queue);
   void job_ended(proto::JobState);
@@ -28,7 +28,7 @@ class Metrics {
   void webhook(std::string_view outcome);  ///< a try: delivered, retried, failed
   void committed(double seconds);          ///< one transaction of the job store
 
-  /// Figures that are looked up when someone asks.
+  /// The figures that are looked up when metrics are read.
   struct Now {
     std::size_t queued = 0, running = 0, streams = 0;
     std::uint64_t webhooks = 0;  ///< messages that are not delivered

@@ -28,7 +28,7 @@ nlohmann::json figures(const output::CompareResult& r) {
 
 void print_figures(const output::CompareResult& r) {
   std::printf("texels compared   %llu\n", static_cast<unsigned long long>(r.texels));
-  std::printf("lit in A only      %llu\n", static_cast<unsigned long long>(r.uncovered));
+  std::printf("lit in A only     %llu\n", static_cast<unsigned long long>(r.uncovered));
   std::printf("mean of A         %.6g\n", r.mean_reference);
   std::printf("RMSE              %.6g\n", r.rmse);
   std::printf("nRMSE             %.6g   (RMSE / mean of A)\n", r.nrmse);
@@ -44,10 +44,10 @@ proto::Expected<output::CompareResult> compare_files(const CompareFlags& flags) 
   const auto b = image::read_exr(flags.candidate);
   if (!b) return proto::Unexpected(b.error());
   if (a->width != b->width || a->height != b->height)
-    return proto::fail("invalid_image", "the images differ in size: " + std::to_string(a->width) +
+    return proto::fail("invalid_image", "The images differ in size: " + std::to_string(a->width) +
                                             "x" + std::to_string(a->height) + " and " +
                                             std::to_string(b->width) + "x" +
-                                            std::to_string(b->height));
+                                            std::to_string(b->height) + ".");
   return output::compare(*a, *b);
 }
 

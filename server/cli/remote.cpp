@@ -96,7 +96,8 @@ proto::Expected<void> fetch_results(clients::Client& client, const std::string& 
   std::error_code error;
   std::filesystem::create_directories(dir, error);
   if (error)
-    return proto::fail("io_error", "can't make the folder " + dir + ": " + error.message());
+    return proto::fail("io_error",
+                       "The folder " + dir + " can't be made: " + error.message() + ".");
   for (const auto& file : *files) {
     if (auto ok = client.download(id, file, dir); !ok) return ok;
     if (!quiet) std::puts((std::filesystem::path(dir) / file.name).c_str());

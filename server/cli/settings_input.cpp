@@ -20,9 +20,9 @@ proto::Expected<std::string> read_all(const std::string& file) {
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
   if (!in.eof() && text.size() <= kMaxBytes)
-    return proto::fail("missing_file", "can't read the settings file " + file);
+    return proto::fail("missing_file", "The settings file " + file + " can't be read.");
   if (text.size() > kMaxBytes)
-    return proto::fail("invalid_settings", "the settings file is larger than 16 MiB");
+    return proto::fail("invalid_settings", "The settings file is larger than 16 MiB.");
   return text;
 }
 

@@ -34,7 +34,7 @@ proto::Expected<proto::JobOptions> options_of(const SubmitFlags& flags) {
   for (const auto& label : flags.labels) {
     const auto equals = label.find('=');
     if (equals == std::string::npos)
-      return proto::fail("invalid_request", "a label is NAME=VALUE, not \"" + label + "\"");
+      return proto::fail("invalid_request", "A label is NAME=VALUE, not \"" + label + "\".");
     options.labels[label.substr(0, equals)] = label.substr(equals + 1);
   }
   return options;

@@ -32,8 +32,9 @@ int with_store(const TokenFlags& flags, const Work& work) {
   std::error_code error;
   std::filesystem::create_directories(data, error);
   if (error)
-    return report(
-        {"io_error", "can't make the folder " + data.string() + ": " + error.message(), {}});
+    return report({"io_error",
+                   "The folder " + data.string() + " can't be made: " + error.message() + ".",
+                   {}});
   try {
     auth::TokenStore store(data::DataFolder::tokens_of(data));
     return work(store, flags);

@@ -17,9 +17,10 @@ proto::Expected<std::string> read_text(const std::filesystem::path& path) {
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
   if (in.bad() || (text.empty() && !in.eof()))
-    return proto::fail("missing_file", "can't read the configuration file " + path.string());
+    return proto::fail("missing_file",
+                       "The configuration file " + path.string() + " can't be read.");
   if (text.size() > kMaxBytes)
-    return proto::fail("invalid_config", path.string() + " is larger than 1 MiB");
+    return proto::fail("invalid_config", path.string() + " is larger than 1 MiB.");
   return text;
 }
 

@@ -24,7 +24,7 @@ class DataFolder {
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path database() const { return root_ / "jobs.db"; }
   std::filesystem::path tokens() const { return tokens_of(root_); }
-  /// The token database of a folder that another process may own.
+  /// Returns the path of the token database of a folder that another process may own.
   static std::filesystem::path tokens_of(const std::filesystem::path& root) {
     return root / "tokens.db";
   }
@@ -40,19 +40,19 @@ class DataFolder {
   proto::Expected<void> make_job_folders(const std::string& id) const;
   void remove_job(const std::string& id) const;
   void remove_checkpoints(const std::string& id) const;
-  /// Gives the result files of one job to another, which has none: as hard links. Durable.
+  /// Gives the result files of one job to another, which has none, as hard links. This is durable.
   proto::Expected<void> link_results(const std::string& from, const std::string& to,
                                      const std::vector<proto::ResultFile>&) const;
   std::vector<std::string> job_folders() const;  ///< names under jobs/
 
-  /// A new name in tmp/, unique within this process.
+  /// Returns a new name in tmp/, unique within this process.
   std::filesystem::path new_temporary() const;
 
-  /// Whether a small file can be written now.
+  /// Returns whether a small file can be written now.
   bool writable() const;
-  double free_share() const;  ///< of the disk, 0..1
+  double free_share() const;  ///< free share of the disk, 0..1
   std::uint64_t bytes()
-      const;  ///< of scenes, jobs and uploads; a file with several names counts once
+      const;  ///< size of scenes, jobs and uploads; a file with several names counts once
 
  private:
   DataFolder(std::filesystem::path root, proto::Fd lock)

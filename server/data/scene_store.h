@@ -33,8 +33,8 @@ class SceneUpload {
   ~SceneUpload();
 
   const std::filesystem::path& folder() const { return folder_; }
-  std::filesystem::path next_path();  ///< for the next file's content
-  files::SceneFiles files() const;    ///< what the importer reads
+  std::filesystem::path next_path();  ///< returns the path for the next file's content
+  files::SceneFiles files() const;    ///< returns the files that the importer reads
 
   std::optional<UploadedFile> main;
   std::vector<UploadedFile> side;
@@ -49,12 +49,12 @@ class SceneUpload {
 struct StoredScene {
   std::string key;  ///< 64 hexadecimal digits: the scene's name in the API
   std::string main_sha256;
-  std::uint64_t bytes = 0;  ///< of all files together
+  std::uint64_t bytes = 0;  ///< size of all files together
   std::uint64_t side_files = 0;
   files::SceneFiles files;
 };
 
-/// Scenes named by content (proto::SceneName), whose index is kept beside the files.
+/// Stores scenes named by content (proto::SceneName), whose index is kept beside the files.
 class SceneStore {
  public:
   explicit SceneStore(const DataFolder& data) : data_(data) {}
@@ -67,7 +67,7 @@ class SceneStore {
   proto::Expected<Put> put(SceneUpload&&) const;
   /// Errors: `not_found`.
   proto::Expected<StoredScene> find(const std::string& key) const;
-  /// find() for a job to come: collect() leaves the scene alone for a while. Same errors.
+  /// Finds a scene for a job to come: collect() leaves the scene alone for a while. Same errors.
   proto::Expected<StoredScene> use(const std::string& key) const;
   /// Removes the scenes that were neither put nor used for `age` and that `is_named` does not know.
   /// Returns their keys.

@@ -76,7 +76,7 @@ class UploadStore::Entry {
  public:
   mutable std::mutex mutex;  ///< guards what follows
   PartialUpload info;
-  std::uint64_t turn = 0;  ///< of the one who may append
+  std::uint64_t turn = 0;  ///< turn of the one writer that may append
   std::uint64_t flushed = 0;
   fs::path folder;
   proto::Fd data, offset;
@@ -269,7 +269,7 @@ void UploadStore::remove(const std::string& id) {
     entries_.erase(found);
   }
   const std::lock_guard lock(entry->mutex);
-  ++entry->turn;  // who still writes writes into a file without a name, once at most
+  ++entry->turn;  // a writer from before writes into a file without a name, once at most
   std::error_code error;
   fs::remove_all(entry->folder, error);
 }

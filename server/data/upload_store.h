@@ -19,8 +19,8 @@ struct PartialUpload {
   std::string id;  ///< upl_...
   std::string tenant;
   std::string name;          ///< the client's own, by which it finds the upload again; "": none
-  std::string content_type;  ///< of the whole
-  std::string digest;        ///< of the whole, as a Content-Digest (RFC 9530); "": not announced
+  std::string content_type;  ///< media type of the whole
+  std::string digest;  ///< digest of the whole, as a Content-Digest (RFC 9530); "": not announced
   std::uint64_t length = 0, offset = 0;
   std::string expires_at;  ///< RFC 3339
   std::string scene;       ///< key of the scene that came of it; "" until then
@@ -28,9 +28,9 @@ struct PartialUpload {
   bool complete() const { return offset == length; }
 };
 
-/// Uploads that can be resumed, each in a folder of its own under uploads/: `data`, what is known
-/// of it in `upload.json`, and in `offset` how many bytes are on the disk for sure. They survive
-/// the process. Thread-safe.
+/// Stores uploads that can be resumed, each in a folder of its own under uploads/: `data`, what is
+/// known of it in `upload.json`, and in `offset` how many bytes are on the disk for sure. They
+/// survive the process. Thread-safe.
 class UploadStore {
  public:
   static constexpr std::size_t kMaxPerTenant = 100;
@@ -43,15 +43,17 @@ class UploadStore {
     PartialUpload upload;
     bool created = false;  ///< false: the one that has this name
   };
-  /// `wanted`: tenant, name, content_type and length. Durable when it returns.
+  /// Creates an upload; `wanted` has its tenant, name, content_type and length. It is durable on
+  /// return.
   /// Errors: `idempotency_mismatch`, `quota_exceeded`, `storage_full`, `io_error`.
   proto::Expected<Opened> open(const PartialUpload& wanted);
-  /// The upload as it is. What still arrives for it on other connections is refused from now on, so
-  /// its offset stays as told. Errors: `not_found`, for those of other tenants too.
+  /// Returns the upload as it is. Bytes that still arrive for it on other connections are refused
+  /// from now on, so its offset stays as reported. Errors: `not_found`, for those of other tenants
+  /// too.
   proto::Expected<PartialUpload> look(const std::string& id, const std::string& tenant, bool admin);
 
   class Entry;
-  /// Adds bytes to one upload. Whoever comes later takes over.
+  /// Adds bytes to one upload. A later writer takes over.
   class Appender {
    public:
     /// Errors: `offset_mismatch` when another one took over; `payload_too_large` beyond the length;
@@ -71,11 +73,11 @@ class UploadStore {
   proto::Expected<Appender> append(const std::string& id, std::uint64_t offset);
 
   std::filesystem::path file(const std::string& id) const;
-  /// The upload became a scene: its bytes go, what is known of it stays until it expires.
+  /// Ends an upload that became a scene: its bytes go, what is known of it stays until it expires.
   proto::Expected<void> finished(const std::string& id, const std::string& scene);
   void remove(const std::string& id);
   void sweep(const std::string& now);  ///< removes what has expired; RFC 3339
-  /// Bytes that the tenant's uploads take, or will take.
+  /// Returns the bytes that the tenant's uploads take, or will take.
   std::uint64_t bytes(const std::string& tenant) const;
 
  private:

@@ -31,11 +31,11 @@ using Clock = std::chrono::steady_clock;
 
 constexpr unsigned kThreads = 32;
 constexpr std::size_t kMaxWaiting = 256;                  // then connections wait in the kernel
-constexpr std::chrono::milliseconds kRequestTime{2'000};  // that a request may take in all
-constexpr std::chrono::seconds kSilence{1};               // between two pieces of it
+constexpr std::chrono::milliseconds kRequestTime{2'000};  // longest time of a request
+constexpr std::chrono::seconds kSilence{1};               // longest time between two pieces of it
 constexpr int kBacklog = 256;
 
-/// The port of a connection that this process accepted; 0 for other descriptors.
+/// Returns the port of a connection that this process accepted; 0 for other descriptors.
 std::uint16_t accepted_at(int fd) {
   int listens = 1;
   socklen_t size = sizeof listens;
@@ -48,7 +48,7 @@ std::uint16_t accepted_at(int fd) {
   return ntohs(reinterpret_cast<sockaddr_in6&>(address).sin6_port);
 }
 
-// Whether all that has arrived was read. A request that waits for a thread has not been.
+// Returns whether all that has arrived was read. A request that waits for a thread was not read.
 bool was_read(int fd) {
   int unread = 0;
   return ::ioctl(fd, FIONREAD, &unread) == 0 && unread == 0;
@@ -60,7 +60,7 @@ class SlowConnections {
  public:
   explicit SlowConnections(std::uint16_t port) : port_(port) {}
 
-  // What is looked at is a copy: the number may be another file's by now, the copy can't.
+  // This looks at a copy: the descriptor's number may be another file's by now, the copy can't.
   void look() {
     std::map<ino_t, Clock::time_point> now;
     std::error_code error;
@@ -74,7 +74,7 @@ class SlowConnections {
       const auto known = seen_.find(info.st_ino);
       const auto since = known == seen_.end() ? Clock::now() : known->second;
       now.emplace(info.st_ino, since);
-      // Slow clients first; one that sends without an end is never read to its end.
+      // Slow clients come first. A client that sends without an end is never read to its end.
       const auto time = Clock::now() - since;
       if (time > (was_read(copy.get()) ? kRequestTime / 2 : kRequestTime))
         ::shutdown(copy.get(), SHUT_RDWR);
@@ -104,7 +104,7 @@ class BoundedTasks final : public httplib::TaskQueue {
           }
         }) {}
 
-  // Waits for room: the library's task owns a socket and can't be refused.
+  // Waits for room, because the library's task owns a socket and can't be refused.
   void enqueue(std::function<void()> task) override {
     {
       std::unique_lock lock(mutex_);
@@ -196,7 +196,7 @@ struct AdminServer::Impl {
     return true;
   }
 
-  // The library's loop ends at the first error of accept(): then it is begun again.
+  // The library's loop ends at the first error of accept(), so it is started again.
   void run() {
     while (!stopping) {
       server.listen_after_bind();

@@ -8,8 +8,8 @@
 
 namespace kiln::http {
 
-/// Status line and headers of an answer, with the empty line that ends them. `close` adds
-/// Connection: close.
+/// Returns the status line and headers of an answer, with the empty line that ends them. `close`
+/// adds Connection: close.
 std::string answer_head(const Response&, const std::string& request_id, bool close);
 
 /// An answer on its way to a connection, in as many turns as the peer needs to take it.
@@ -20,9 +20,9 @@ class Answer {
   Answer(Response&, const std::string& request_id, bool close, bool with_body);
 
   enum class Sent { kAll, kBlocked, kMore, kBroken };
-  /// Sends what the socket takes, up to about `most` bytes: kMore when it would take more.
+  /// Sends what the socket takes, up to about `most` bytes. Returns kMore when it would take more.
   Sent send(Connection&, TransferClock&, std::uint64_t most);
-  /// What has not been sent of the head.
+  /// Returns what has not been sent of the head.
   std::string rest_of_head() const { return text_.substr(text_at_); }
 
  private:

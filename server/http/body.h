@@ -26,7 +26,8 @@ class BodyDecoder {
   /// at the end of the body. Errors: `bad_request` when it is malformed; those of `take`.
   proto::Expected<std::size_t> feed(std::string_view bytes, const Take& take);
   bool done() const { return state_ == State::kDone; }  ///< the body is whole
-  /// Bytes that are sure to belong to the body, framing included: 1 where that is not known.
+  /// Returns how many bytes are sure to belong to the body, framing included: 1 when that is not
+  /// known.
   std::uint64_t sure() const;
 
  private:
@@ -37,8 +38,8 @@ class BodyDecoder {
   proto::Expected<void> read_size();
 
   State state_;
-  std::uint64_t left_ = 0;  ///< of the body or of the chunk
-  std::string line_;        ///< of the framing, as far as it has arrived
+  std::uint64_t left_ = 0;  ///< bytes left of the body or the chunk
+  std::string line_;        ///< line of the framing, as far as it has arrived
   std::size_t trailers_ = 0;
 };
 
@@ -48,7 +49,7 @@ class DigestCheck {
  public:
   explicit DigestCheck(const RequestHead&);
   void update(std::string_view bytes);
-  /// After the last byte. Errors: `digest_mismatch`.
+  /// Checks the digest after the last byte. Errors: `digest_mismatch`.
   proto::Expected<void> finish();
 
  private:

@@ -9,10 +9,10 @@
 namespace kiln::http {
 
 /// Limits how many of something (connections, uploads) are open at a time, in all and of one key,
-/// so that nobody takes everyone's share. Thread-safe.
+/// so that no key takes every share. Thread-safe.
 class ConcurrencyLimiter {
  public:
-  /// 0: no limit.
+  /// A limit of 0 means that there is none.
   ConcurrencyLimiter(std::size_t all, std::size_t per_key);
 
   enum class Refusal { kNone, kFull, kKeyFull };
@@ -35,8 +35,8 @@ class ConcurrencyLimiter {
   const std::size_t max_all_, max_per_key_;
 };
 
-/// Names the network of a socket's peer, which counts as one client: an IPv4 address or 64 bits of
-/// an IPv6 address, which is what one customer gets. "" when it has none.
+/// Names the network of a socket's peer, which counts as one client: an IPv4 address, or the 64
+/// bits of an IPv6 address that one customer gets. "" when it has none.
 std::string peer_network(int socket);
 
 }  // namespace kiln::http

@@ -7,7 +7,8 @@
 namespace kiln::http {
 namespace {
 
-// Digits only. A number beyond 64 bits counts as the largest: it is past any file's end.
+// Reads a number, digits only. A number beyond 64 bits counts as the largest: it is past any file's
+// end.
 std::optional<std::uint64_t> number(std::string_view text) {
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
   if (text.empty() || !std::all_of(text.begin(), text.end(), is_digit)) return std::nullopt;
@@ -16,7 +17,7 @@ std::optional<std::uint64_t> number(std::string_view text) {
   return parsed.ec == std::errc() ? value : UINT64_MAX;
 }
 
-// One range specifier. Nothing: malformed.
+// Reads one range specifier. Returns nothing when it is malformed.
 std::optional<Selection> resolve(std::string_view spec, std::uint64_t size) {
   constexpr Selection kUnsatisfiable{416, 0, 0};
   const auto dash = spec.find('-');

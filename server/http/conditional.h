@@ -8,7 +8,7 @@
 
 namespace kiln::http {
 
-/// What a request for a file is answered with.
+/// The answer to a request for a file.
 struct Selection {
   int status = 200;  ///< 200, 206, 304 or 416
   std::uint64_t offset = 0, length = 0;
@@ -18,10 +18,10 @@ struct Selection {
 /// malformed or of another unit is ignored, as the standard asks; several ranges are refused (416).
 Selection select_content(const RequestHead&, std::string_view etag, std::uint64_t size);
 
-/// Whether a list of entity tags (or *) names `etag`, by weak comparison.
+/// Returns whether a list of entity tags (or *) names `etag`, by weak comparison.
 bool matches_etag(std::string_view list, std::string_view etag);
 
-/// The same by strong comparison, as If-Match asks for: a weak tag names nothing.
+/// Returns the same by strong comparison, as If-Match asks for: a weak tag names nothing.
 bool matches_strongly(std::string_view list, std::string_view etag);
 
 }  // namespace kiln::http

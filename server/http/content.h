@@ -19,13 +19,13 @@ struct ContentPart {
   static ContentPart of(std::shared_ptr<const proto::Fd>, std::uint64_t length);
 };
 
-/// Parts, one after the other.
+/// Holds parts, one after the other.
 using Content = std::vector<ContentPart>;
 
 std::uint64_t length_of(const Content&);
-/// The bytes [offset, offset + length) of the content, which has them.
+/// Returns the bytes [offset, offset + length) of the content, which must have them.
 Content slice(const Content&, std::uint64_t offset, std::uint64_t length);
-/// Reads up to n bytes from `at` on: > 0, or <= 0 when a file is shorter than it was.
+/// Reads up to n bytes from `at` on. Returns how many; <= 0 when a file is shorter than it was.
 std::int64_t read_content(const Content&, std::uint64_t at, char* out, std::size_t n);
 
 }  // namespace kiln::http

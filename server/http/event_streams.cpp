@@ -71,7 +71,7 @@ void EventStreams::announce_draining() {
   });
 }
 
-// A stream that begins while the server drains hears of it like the others.
+// A stream that begins while the server drains gets the same event as the others.
 void EventStreams::welcome(Stream& stream) {
   if (stopped_) return;  // closes it
   const int fd = stream.socket.get();
@@ -108,7 +108,8 @@ void EventStreams::take_news() {
 }
 
 void EventStreams::follow(Loop::Id id, Client& client) {
-  if (client.pending || client.waiting) return;  // who waits for room is served when there is some
+  if (client.pending || client.waiting)
+    return;  // a client that waits for room is served when there is some
   pending_.push_back(id);
   client.pending = true;
 }
@@ -128,7 +129,7 @@ void EventStreams::on_time(Clock::time_point now) {
   }
   if (now < next_beat_) return;
   next_beat_ = now + heartbeat_;
-  beat(now);  // where memory is short, some clients hear of this with the next event or beat
+  beat(now);  // when memory is short, some clients get this with the next event or beat
 }
 
 void EventStreams::beat(Clock::time_point now) {
@@ -142,7 +143,7 @@ void EventStreams::beat(Clock::time_point now) {
 
 void EventStreams::say_all(const std::string& text) {
   for (auto& [id, client] : clients_) {
-    if (client.ended || client.waiting) continue;  // no comments for one who doesn't listen
+    if (client.ended || client.waiting) continue;  // a client that takes nothing gets no comments
     add_chunk(client.out, text);
     follow(id, client);
   }

@@ -16,16 +16,16 @@
 
 namespace kiln::http {
 
-/// All open event streams. The head of a stream's answer asks for chunked coding; the chunks are
-/// written here. A client that reads slowly lags behind in its job's ring, which costs no memory;
-/// it is dropped when the ring has left it behind or when it takes nothing for a minute, and
-/// resumes by event id. Thread-safe.
+/// Holds all open event streams. The head of a stream's answer asks for chunked coding; the chunks
+/// are written here. A client that reads slowly lags behind in its job's ring, which costs no
+/// memory. It is dropped when the ring has left it behind or when it takes nothing for a minute,
+/// and resumes by event id. Thread-safe.
 class EventStreams final : private Loop::Watcher {
  public:
   static constexpr std::size_t kFeed = std::size_t{32} * 1024;  ///< bytes kept ready for one client
   static constexpr std::chrono::seconds kStall{60};
 
-  /// `stall`: how long a client may take nothing of what waits for it.
+  /// `stall` is how long a client may take nothing of what waits for it.
   explicit EventStreams(Loop&, std::chrono::milliseconds heartbeat = std::chrono::seconds(15),
                         std::chrono::milliseconds stall = kStall);
   ~EventStreams() override;  ///< stop()
@@ -38,12 +38,12 @@ class EventStreams final : private Loop::Watcher {
     std::uint64_t after = 0;              ///< id of the last event that `intro` or the client has
     std::string intro;                    ///< text to send first
     std::shared_ptr<const void> place{};  ///< kept as long as the stream is open
-    std::string head{};                   ///< what is left of the answer's head
+    std::string head{};                   ///< unsent rest of the answer's head
   };
   void adopt(Stream);
-  /// The ring has a new event. Cheap.
+  /// Notes that the ring has a new event. This is cheap.
   void notify(const base::EventRing*);
-  /// Tells every client, present and to come, that the server is going; streams go on.
+  /// Tells every present and future client that the server is going; streams go on.
   void announce_draining();
   /// Ends every stream.
   void stop();
@@ -60,9 +60,9 @@ class EventStreams final : private Loop::Watcher {
     std::string out;
     std::size_t at = 0;
     bool ended = false;                ///< the last chunk is in `out`
-    bool waiting = false;              ///< for room in the socket
-    bool pending = false;              ///< in `pending_`
-    Loop::Clock::time_point progress;  ///< when the socket last took bytes
+    bool waiting = false;              ///< waits for room in the socket
+    bool pending = false;              ///< is in `pending_`
+    Loop::Clock::time_point progress;  ///< time at which the socket last took bytes
   };
   void welcome(Stream&);
   void take_news();
@@ -80,11 +80,11 @@ class EventStreams final : private Loop::Watcher {
 
   Loop& loop_;
   const std::chrono::milliseconds heartbeat_, stall_;
-  // These: the loop's thread only.
+  // Only the loop's thread uses these.
   std::map<Loop::Id, Client> clients_;
   std::map<const base::EventRing*, std::set<Loop::Id>> followers_;
-  /// Clients that have something to be told. Thousands may wait for one event: they are served some
-  /// at a time, so that other connections don't wait for all of them.
+  /// The clients that have something to be sent. Thousands may wait for one event: they are served
+  /// some at a time, so that other connections don't wait for all of them.
   std::deque<Loop::Id> pending_;
   Loop::Clock::time_point next_beat_;
   bool draining_ = false, stopped_ = false;
@@ -95,7 +95,7 @@ class EventStreams final : private Loop::Watcher {
   std::atomic<std::uint64_t> dropped_{0};
 };
 
-/// An event as text/event-stream.
+/// Returns an event as text/event-stream.
 std::string sse_text(const proto::Event&);
 
 }  // namespace kiln::http

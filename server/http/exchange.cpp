@@ -35,7 +35,7 @@ Exchange::Exchange(std::shared_ptr<Connection> c, RequestHead h, std::string id)
       digest_(head),
       written_before_(connection->bytes_written()) {}
 
-// Runs a step of the routes. What it throws ends the request with a problem, not the service.
+// Runs a step of the routes. An exception ends the request with a problem, not the service.
 void Exchange::guard(const std::function<void()>& step) {
   const auto report = [&](const char* what) {
     log_line(base::LogLevel::kError, "http.exception", {{"path", head.path}, {"what", what}});
@@ -138,7 +138,7 @@ Exchange::Moved Exchange::receive(std::size_t most) {
     if (!was_buffered) {
       if (total >= most) return Moved::kMore;
       if (clock.too_slow(connection->limits())) return end_body(proto::Unexpected(ended_early()));
-      // Where the body's end is known, nothing of the next request is taken with it.
+      // When the body's end is known, this takes nothing of the next request with it.
       const std::size_t want =
           head.chunked ? kPiece
                        : static_cast<std::size_t>(std::min<std::uint64_t>(kPiece, body_.sure()));
@@ -161,7 +161,7 @@ Exchange::Moved Exchange::receive(std::size_t most) {
 }
 
 void Exchange::begin_answer(bool last) {
-  // What is left of a body would be read as the next request.
+  // The rest of a body would be read as the next request.
   close_ = head.wants_close() || !body_.done() || last;
   clock.begin();
   answer_ = Answer(response, request.id, close_, head.method != "HEAD");

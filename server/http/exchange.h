@@ -25,32 +25,33 @@ class Exchange {
   Exchange& operator=(const Exchange&) = delete;
 
   /// Makes the response: what `handler` returns, or the problem that stands for what it throws.
-  /// When that comes later, `waker` goes on with it then.
+  /// When the response comes later, `waker` continues it.
   void ask(const Handler& handler, const WaitingConnections&);
   /// Makes the response that waited for something.
   void ask_again(const WaitingConnections&);
   /// Makes the response that waited for the body, which is whole or has failed.
   void ask_with_body(const WaitingConnections&);
 
-  /// Whether the whole body has arrived already, with the head.
+  /// Returns whether the whole body has arrived already, with the head.
   bool has_whole_body() const;
-  /// Begins to receive the body that the response asks for. False when its announced size is over
-  /// the limit, which `fail_body` has been told then.
+  /// Begins to receive the body that the response asks for. Returns false when its announced size
+  /// is over the limit, after a call of `fail_body`.
   bool begin_body();
   enum class Moved { kAll, kBlocked, kMore };
-  /// Receives what has arrived, up to about `most` bytes: kMore when there may be more; kAll when
-  /// the body is whole or has failed.
+  /// Receives what has arrived, up to about `most` bytes. Returns kMore when there may be more, and
+  /// kAll when the body is whole or has failed.
   Moved receive(std::size_t most);
   void fail_body(proto::Error error) { received_ = proto::Unexpected(std::move(error)); }
   void fail_slow_body();
 
   /// Decides what follows the answer, and begins it. `last`: no request may follow.
   void begin_answer(bool last);
-  /// Sends what the peer takes, as receive() does. kAll also when it takes nothing any more.
+  /// Sends what the peer takes, as receive() does. Returns kAll also when it takes nothing any
+  /// more.
   Moved send(std::uint64_t most);
   void give_up_answer() { broken_ = true; }
   std::uint64_t bytes_written() const { return connection->bytes_written() - written_before_; }
-  /// Whether another request may follow on the connection, after the answer.
+  /// Returns whether another request may follow on the connection, after the answer.
   bool keeps_connection() const { return !close_ && !broken_; }
   std::string head_of_stream() const { return answer_.rest_of_head(); }
 
@@ -58,19 +59,19 @@ class Exchange {
   void begin_wait() { waits_since_ = Clock::now(); }
   void end_wait() { waited_ += Clock::now() - waits_since_; }
   Clock::duration time() const { return Clock::now() - began_; }
-  /// Of that, what the service itself took.
+  /// Returns the part of that time that the service itself took.
   Clock::duration own_time() const { return time() - waited_ - request.asleep; }
 
   const std::shared_ptr<Connection> connection;
   const RequestHead head;
   Request request;
   Response response;
-  TransferClock clock;           ///< of the body, then of the answer
-  std::shared_ptr<Waker> waker;  ///< of a deferred response
+  TransferClock clock;           ///< measures the body, then the answer
+  std::shared_ptr<Waker> waker;  ///< continues a deferred response
   bool was_parked = false;
   std::shared_ptr<const void> active;  ///< counts it while a thread or a transfer is at it
   std::shared_ptr<const void> parked;  ///< counts it while it is parked
-  ConcurrencyLimiter::Permit of_peer, of_tenant;  ///< while its body arrives
+  ConcurrencyLimiter::Permit of_peer, of_tenant;  ///< held while its body arrives
 
  private:
   void guard(const std::function<void()>& step);

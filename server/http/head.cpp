@@ -36,7 +36,7 @@ proto::Unexpected bad(const char* what) {
   return proto::fail("bad_request", what);
 }
 
-// Cuts the next line off `rest`; nothing when it does not end with CRLF.
+// Cuts the next line off `rest`. Returns nothing when it does not end with CRLF.
 std::optional<std::string_view> take_line(std::string_view& rest) {
   const auto end = rest.find('\n');
   if (end == std::string_view::npos || end == 0 || rest[end - 1] != '\r') return std::nullopt;

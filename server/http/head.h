@@ -23,7 +23,7 @@ struct RequestHead {
   bool chunked = false;
   std::optional<std::uint64_t> content_length;
 
-  /// The header's value, null when absent. Names are compared without case.
+  /// Returns the header's value, null when absent. Names are compared without case.
   const std::string* header(std::string_view name) const;
   const std::string* query_value(std::string_view name) const;
   bool has_body() const { return chunked || content_length.value_or(0) > 0; }
@@ -37,16 +37,18 @@ struct HeadLimits {
   static constexpr std::size_t kHeaders = 100;
 };
 
-/// Parses a head that ends with its empty line. Refuses: line ends other than CRLF, folded lines,
+/// Parses a head that ends with its empty line. It refuses line ends other than CRLF, folded lines,
 /// bytes that don't belong, a space before the colon, two Content-Length, Content-Length together
-/// with Transfer-Encoding, any transfer coding but chunked, a body on GET, HEAD or DELETE, no Host
-/// in HTTP/1.1. Errors: `bad_request`, `uri_too_long`, `headers_too_large`, `method_not_allowed`.
+/// with Transfer-Encoding, any transfer coding but chunked, a body on GET, HEAD or DELETE, and
+/// HTTP/1.1 without Host. Errors: `bad_request`, `uri_too_long`, `headers_too_large`,
+/// `method_not_allowed`.
 proto::Expected<RequestHead> parse_head(std::string_view bytes);
 
 bool equal_ignoring_case(std::string_view, std::string_view);
 std::string_view trim_blanks(std::string_view);
 
-/// Decodes a part of a URL. Nothing when an escape is malformed or a byte is a control character.
+/// Decodes a part of a URL. Returns nothing when an escape is malformed or a byte is a control
+/// character.
 std::optional<std::string> decode_component(std::string_view, bool plus_is_space);
 
 }  // namespace kiln::http

@@ -26,11 +26,12 @@ using ConnectionPtr = std::shared_ptr<Connection>;
 using End = WaitingConnections::End;
 using Moved = Exchange::Moved;
 
-// They wait for the disk at most, so these do for many slow clients and a few fast ones.
+// These threads wait for the disk at most, so a few of them serve many slow clients and some fast
+// ones.
 constexpr unsigned kTransferThreads = 8;
-// Bytes that one transfer may move before it is another's turn.
+// One transfer moves at most this many bytes in its turn.
 constexpr std::size_t kTransferTurn = std::size_t{4} << 20;
-// Bytes that a request thread moves by itself: a short body, a short answer.
+// A request thread moves this many bytes by itself: a short body, a short answer.
 constexpr std::size_t kRequestTurn = std::size_t{64} << 10;
 
 std::string refusal(const char* code) {
@@ -156,14 +157,15 @@ void HttpServer::Impl::begin(const ConnectionPtr& connection) {
   go_on(exchange);
 }
 
-// On a request thread: as far as the response lets it.
+// Runs on a request thread and goes as far as the response lets it.
 void HttpServer::Impl::go_on(const ExchangePtr& exchange) {
   while (exchange->response.receive) {
     if (!admit_upload(*exchange)) break;
     if (exchange->begin_body() && !receive(exchange)) return;
     exchange->ask_with_body(waiting);
   }
-  // What has waited already and would wait again must not turn in a circle when all are woken.
+  // A request that has waited already and would wait again must not turn in a circle when all are
+  // woken.
   Response& response = exchange->response;
   if (response.deferred && stopping && exchange->was_parked)
     response = problem({"draining", "The service is going.", {}}, exchange->request);
@@ -171,7 +173,7 @@ void HttpServer::Impl::go_on(const ExchangePtr& exchange) {
   answer(exchange);
 }
 
-// A body that is there already takes nothing of anybody.
+// A body that is there already takes no share of anything.
 bool HttpServer::Impl::admit_upload(Exchange& exchange) {
   if (exchange.has_whole_body()) return true;
   const auto refuse = [&](const std::string& what) {
@@ -190,7 +192,7 @@ bool HttpServer::Impl::admit_upload(Exchange& exchange) {
                 " bodies at a time, which is the limit.");
 }
 
-// Takes what is there; false when the rest is waited for.
+// Takes what is there. Returns false when the rest is waited for.
 bool HttpServer::Impl::receive(const ExchangePtr& exchange) {
   switch (exchange->receive(kRequestTurn)) {
     case Moved::kAll:
@@ -255,7 +257,7 @@ void HttpServer::Impl::park(const ExchangePtr& exchange) {
   exchange->active.reset();
   const auto since = Exchange::Clock::now();
   waiting.park(exchange->connection, exchange->waker, [this, exchange, since](End end) {
-    // What passes from now on is not what the client asked to wait for.
+    // The client did not ask for the time from now on.
     exchange->request.asleep += Exchange::Clock::now() - since;
     pool.enqueue_again([this, exchange, end] { resume(exchange, end); });
   });
@@ -322,7 +324,7 @@ void HttpServer::Impl::finish(Exchange& exchange) {
     waiting.linger(exchange.connection);
 }
 
-// As others do, it has a status that no answer ever has.
+// Logs a request whose client is gone. Its status, 499, is one that no answer ever has.
 void HttpServer::Impl::log_gone(Exchange& exchange) const {
   constexpr int kClientGone = 499;
   exchange.response.status = kClientGone;
@@ -359,7 +361,7 @@ bool HttpServer::Impl::wait_for_requests(std::chrono::milliseconds time) {
 }
 
 void HttpServer::Impl::stop(std::chrono::milliseconds grace) {
-  // For the transfers that are cut to end as others do: what came of an upload is flushed.
+  // The transfers that are cut get this time to end as others do, and flush what came of an upload.
   constexpr std::chrono::milliseconds kEnding{1'000};
   if (stopping.exchange(true)) return;
   listener->close();

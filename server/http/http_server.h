@@ -15,20 +15,20 @@ class EventStreams;
 class Loop;
 
 struct HttpOptions {
-  std::string name = "http";  ///< in the log
+  std::string name = "http";  ///< name in the log
   std::string listen = "127.0.0.1";
   std::uint16_t port = 0;  ///< 0: any free port
   unsigned threads = 16;
   EdgeLimits limits;
-  /// Called with each request when its answer is known; 499 when the client of one that waits has
-  /// gone. Null: nobody counts.
+  /// Called with each request when its answer is known, and with 499 when the client of a waiting
+  /// request has gone. Null: requests are not counted.
   std::function<void(const Request&, int status, std::chrono::duration<double>)> count{};
   /// A request that takes the service longer than this is logged; its client's time does not count.
   std::chrono::milliseconds slow{0};  ///< 0: none is
 };
 
-/// An HTTP/1.1 server around a handler. Connections wait in the loop, whatever for; a request
-/// thread makes answers, and a few transfer threads move the bytes of bodies that have arrived or
+/// Serves HTTP/1.1 around a handler. Connections wait in the loop, whatever for. A request thread
+/// makes answers, and a few transfer threads move the bytes of bodies that have arrived, or of
 /// answers that the peer has room for. No thread waits for a client.
 class HttpServer {
  public:

@@ -15,7 +15,7 @@ void set(int fd, int level, int option, int value) {
   ::setsockopt(fd, level, option, &value, sizeof value);
 }
 
-// Not SO_REUSEPORT: two services would share a port, and its traffic, without an error.
+// SO_REUSEPORT is not set: two services would share a port, and its traffic, without an error.
 proto::Fd listen_at(const addrinfo& at) {
   proto::Fd fd(::socket(at.ai_family, at.ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   if (!fd.valid()) return {};

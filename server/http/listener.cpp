@@ -29,7 +29,7 @@ std::uint16_t port_of(int fd) {
                    : reinterpret_cast<const sockaddr_in&>(address).sin_port);
 }
 
-// What accept() says when the machine is short of something, which passes.
+// Returns whether accept() failed because the machine is short of something, which passes.
 bool is_shortage(int error) {
   return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM;
 }
@@ -92,7 +92,7 @@ void Listener::resume() {
   again_ = Loop::Clock::time_point::max();
 }
 
-// A service that can't be reached any more helps nobody: it binds again until it can.
+// A service that can't be reached is of no use: it binds again until it can.
 void Listener::on_time(Loop::Clock::time_point) {
   constexpr milliseconds kRebind{200};
   if (socket_.valid()) return resume();
@@ -117,8 +117,9 @@ void Listener::on_events(Loop::Id, std::uint32_t) {
 void Listener::on_failure(int error) {
   constexpr milliseconds kShortage{100};
   if (is_lasting(error)) {
-    log_line(base::LogLevel::kError, "http.listen",
-             {{"server", name_}, {"what", std::strerror(error)}, {"then", "binding again"}});
+    log_line(
+        base::LogLevel::kError, "http.listen",
+        {{"server", name_}, {"what", std::strerror(error)}, {"then", "The listener binds again."}});
     suspend(milliseconds(0));
     socket_.reset();
   } else if (is_shortage(error)) {

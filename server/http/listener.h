@@ -17,7 +17,8 @@ class Listener final : private Loop::Watcher {
  public:
   using Take = std::function<void(proto::Fd)>;
 
-  /// `name` is for the log; port 0: any free one. Errors: `cannot_listen`.
+  /// Starts to listen. `name` is for the log. Port 0 stands for any free one. Errors:
+  /// `cannot_listen`.
   static proto::Expected<std::unique_ptr<Listener>> open(Loop&, std::string name,
                                                          std::string address, std::uint16_t port,
                                                          Take take);
@@ -47,7 +48,7 @@ class Listener final : private Loop::Watcher {
   proto::Fd socket_;
   bool watched_ = false;  ///< the socket is in the loop, as `id_`
   Loop::Id id_ = 0;
-  /// When to accept again after a shortage, or to bind again when the socket is gone.
+  /// The time to accept again after a shortage, or to bind again when the socket is gone.
   Loop::Clock::time_point again_ = Loop::Clock::time_point::max();
 };
 

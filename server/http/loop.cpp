@@ -16,7 +16,8 @@ namespace {
 
 constexpr Loop::Id kWake = 0;
 
-/// Runs one step. Where memory is short it costs what the step was for, not the service: false.
+/// Runs one step. When memory is short, this costs what the step was for, not the service. Returns
+/// false then.
 template <class Step>
 bool attempt(const Step& step) {
   try {
@@ -138,14 +139,14 @@ void Loop::remove(Id id, int fd) noexcept {
 void Loop::run() {
   while (!stopping_) turn();
   for (Watcher* watcher : std::exchange(watchers_, {})) watcher->on_detach();
-  run_tasks(inbox_->close());  // somebody may wait for them
+  run_tasks(inbox_->close());  // other threads may wait for them
 }
 
 void Loop::turn() {
   std::array<epoll_event, 256> events{};
   auto next = Clock::time_point::max();
   for (const Watcher* watcher : watchers_) next = std::min(next, watcher->next_time());
-  // Rounded up: a deadline is over when its time is.
+  // The time is rounded up, because a deadline is over when its time is.
   const auto now = Clock::now();
   const auto left = next <= now ? std::chrono::milliseconds(0)
                                 : std::chrono::ceil<std::chrono::milliseconds>(
@@ -164,7 +165,7 @@ void Loop::turn() {
     if (watchers_[i]->next_time() <= after) attempt([&] { watchers_[i]->on_time(after); });
 }
 
-// What an earlier event of this turn closed is not there any more.
+// An earlier event of this turn may have closed this one's socket.
 void Loop::dispatch(Id id, std::uint32_t events) {
   const auto found = sockets_.find(id);
   if (found == sockets_.end()) return;
@@ -175,7 +176,7 @@ void Loop::dispatch(Id id, std::uint32_t events) {
 void Loop::run_tasks(std::vector<Inbox::Task> tasks) {
   for (Inbox::Task& task : tasks) {
     attempt(task);
-    task = nullptr;  // what it holds goes now
+    task = nullptr;  // this frees what the task holds
   }
 }
 

@@ -14,16 +14,16 @@
 
 namespace kiln::http {
 
-/// Tasks that other threads leave for a loop. It may outlive the loop. Thread-safe.
+/// Holds tasks that other threads leave for a loop. It may outlive the loop. Thread-safe.
 class Inbox {
  public:
   using Task = std::function<void()>;
 
   Inbox();
-  /// Leaves a task for the loop's thread. False when the loop has stopped or memory is short: the
-  /// task is dropped.
+  /// Leaves a task for the loop's thread. Returns false, and drops the task, when the loop has
+  /// stopped or memory is short.
   bool post(Task) noexcept;
-  bool closed();  ///< for good: the loop has stopped
+  bool closed();  ///< returns whether the loop has stopped for good
 
  private:
   friend class Loop;
@@ -36,8 +36,8 @@ class Inbox {
   bool closed_ = false;      ///< guarded by mutex_
 };
 
-/// One thread around epoll. Everything of the HTTP server that waits for a socket waits here: the
-/// listeners, connections without a request thread, and event streams. Each is a Watcher, whose
+/// Runs one thread around epoll. Everything of the HTTP server that waits for a socket waits here:
+/// the listeners, connections without a request thread, and event streams. Each is a Watcher, whose
 /// functions run on this thread only and never block.
 class Loop {
  public:
@@ -48,14 +48,15 @@ class Loop {
   class Watcher {
    public:
     virtual ~Watcher() = default;
-    /// The socket has these epoll events. Throws std::bad_alloc at most; then drop() follows.
+    /// Called when the socket has these epoll events. It throws std::bad_alloc at most; then drop()
+    /// follows.
     virtual void on_events(Id, std::uint32_t events) = 0;
-    /// When on_time() is due; max(): never.
+    /// Returns when on_time() is due; max() means never.
     virtual Clock::time_point next_time() const = 0;
     virtual void on_time(Clock::time_point now) = 0;
-    /// Memory is short: this socket is given up, the others stay.
+    /// Called when memory is short: this socket is given up, the others stay.
     virtual void drop(Id) noexcept = 0;
-    /// The watcher is detached, or the loop ends: its sockets are to be closed.
+    /// Called when the watcher is detached, or the loop ends. The watcher closes its sockets.
     virtual void on_detach() noexcept = 0;
   };
 
@@ -65,14 +66,15 @@ class Loop {
   Loop& operator=(const Loop&) = delete;
 
   const std::shared_ptr<Inbox>& inbox() const { return inbox_; }
-  /// Watches for `watcher` from now on. Waits for the loop's thread, so not to be called there.
+  /// Watches for `watcher` from now on. It waits for the loop's thread, so it must not be called
+  /// there.
   void attach(Watcher& watcher);
-  /// Calls on_detach() and no other function of the watcher afterwards. Waits as well.
+  /// Calls on_detach() and no other function of the watcher afterwards. It waits as well.
   void detach(Watcher& watcher);
   /// Detaches every watcher and joins.
   void stop();
 
-  // On the loop's thread only:
+  // Only the loop's thread calls these.
   Id add(int fd, std::uint32_t events, Watcher&);
   void modify(Id, int fd, std::uint32_t events);
   void remove(Id, int fd) noexcept;

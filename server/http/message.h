@@ -17,14 +17,16 @@
 
 namespace kiln::http {
 
-/// A request as the routes see it: its head. Who wants the body says so, with a Receive.
+/// A request as the routes see it: its head. A route that wants the body asks for it with a
+/// Receive.
 struct Request {
   const RequestHead& head;
   std::string id;                         ///< req_..., on the answer and in the log
-  base::Principal principal{};            ///< who asks
-  std::vector<std::string> parameters{};  ///< of the route's pattern, in order
+  base::Principal principal{};            ///< sender of the request
+  std::vector<std::string> parameters{};  ///< values for the route's pattern, in order
   std::string route{};                    ///< the pattern; "" when there is none for the path
-  /// Time that the request waited because its client asked for it: no work of ours.
+  /// The time that the request waited because its client asked for it. The service did no work
+  /// then.
   std::chrono::steady_clock::duration asleep{};
 };
 
@@ -37,27 +39,27 @@ struct StreamContent {
 
 struct Response;
 
-/// Instead of an answer: the request's body is wanted. It arrives without holding a request thread,
+/// A response that asks for the request's body. The body arrives without holding a request thread,
 /// and may take as long as its client is allowed to.
 struct Receive {
-  std::uint64_t max_bytes = 0;  ///< beyond: `payload_too_large`
+  std::uint64_t max_bytes = 0;  ///< a longer body is `payload_too_large`
   /// Takes the next piece, from any thread, one piece at a time. It may wait for the disk. An error
   /// ends the body.
   std::function<proto::Expected<void>(std::string_view)> take;
-  /// The answer, from a request thread, once the body is whole or has failed. Errors: those of
-  /// `take`, `payload_too_large`, `digest_mismatch`, and `bad_request` when it ended early, is
-  /// malformed, or came too slowly.
+  /// Makes the answer, on a request thread, once the body is whole or has failed. Errors: those of
+  /// `take`, `payload_too_large`, `digest_mismatch`, and `bad_request` when the body ended early,
+  /// is malformed, or came too slowly.
   std::function<Response(Request&, const proto::Expected<void>& received)> answer;
 };
 
-/// Instead of an answer: what it waits for. The connection waits without a thread meanwhile, and
-/// the request is dropped when its client goes.
+/// A response that waits for something. The connection waits without a thread meanwhile, and the
+/// request is dropped when its client goes.
 struct Deferred {
   std::chrono::steady_clock::time_point until;  ///< answers then in any case
-  /// Called once. Calls `wake` when the answer can be given, from any thread, perhaps at once; what
-  /// it returns is kept until the request goes on.
+  /// Called once. It calls `wake` when the answer can be given, from any thread, perhaps at once.
+  /// What it returns is kept until the request goes on.
   std::function<std::shared_ptr<const void>(std::function<void()> wake)> watch;
-  /// The answer, from a request thread; headers that came with this are added to it.
+  /// Makes the answer, on a request thread. Headers that came with this are added to it.
   std::function<Response(Request&)> answer;
 };
 
@@ -75,7 +77,7 @@ struct Response {
     headers.emplace_back(std::move(name), std::move(value));
     return *this;
   }
-  /// The same instead of a header that is there.
+  /// Sets the header, in place of one that is there.
   Response& replace(const std::string& name, std::string value) {
     std::erase_if(headers, [&](const auto& entry) { return entry.first == name; });
     return header(name, std::move(value));

@@ -37,7 +37,7 @@ std::optional<std::string> take_value(std::string_view& rest) {
   return std::nullopt;
 }
 
-// `type; key=value; key="value"` as a map with lower-case keys; the bare type under "".
+// Parses `type; key=value; key="value"` into a map with lower-case keys; the bare type is under "".
 std::optional<Parameters> parse_parameters(std::string_view text) {
   Parameters parameters;
   const auto first = text.find(';');
@@ -61,7 +61,7 @@ std::optional<Parameters> parse_parameters(std::string_view text) {
   }
 }
 
-// RFC 8187: charset'language'percent-encoded. UTF-8 only.
+// Decodes the form of RFC 8187, charset'language'percent-encoded. Only UTF-8 is taken.
 std::optional<std::string> decode_extended(std::string_view text) {
   const auto first = text.find('\'');
   const auto second = first == std::string_view::npos ? first : text.find('\'', first + 1);
@@ -120,7 +120,7 @@ proto::Expected<void> MultipartReader::feed(std::string_view bytes) {
     if (!more) return proto::Unexpected(more.error());
     if (!*more) break;
   }
-  // What is kept is short, and so is its memory: thousands of bodies may be arriving.
+  // The kept text is short, and so is its memory: thousands of bodies may be arriving.
   std::string(buffer_, at_).swap(buffer_);
   at_ = 0;
   return {};
@@ -197,7 +197,7 @@ MultipartReader::Step MultipartReader::read_body() {
   if (!whole && buffer_.size() - at_ < delimiter_.size()) return false;
   if (body_begins_ && (!whole || found > at_)) at_ += 2;
   body_begins_ = false;
-  // Without the delimiter, hold back what may be its beginning.
+  // Without the delimiter, this holds back what may be its beginning.
   const std::size_t end = whole ? found : buffer_.size() - (delimiter_.size() - 1);
   if (end > at_) {
     if (auto ok = sink_.data(std::string_view(buffer_).substr(at_, end - at_)); !ok)

@@ -17,16 +17,16 @@ struct PartHead {
   std::string content_type;
 };
 
-/// What a MultipartReader finds, in order. An error ends the parse and is handed on.
+/// Receives what a MultipartReader finds, in order. An error ends the parse and is handed on.
 struct PartSink {
   std::function<proto::Expected<void>(const PartHead&)> begin;
   std::function<proto::Expected<void>(std::string_view)> data;
   std::function<proto::Expected<void>()> end;
 };
 
-/// Incremental parser of multipart/form-data (RFC 7578): memory is bounded by the longest part
-/// head, whatever comes. (The library's own parser takes 0.4 s of regular expression per 8 KiB
-/// header.) Errors: `bad_request`.
+/// Parses multipart/form-data (RFC 7578) incrementally: memory is bounded by the longest part head,
+/// whatever comes. (The library's own parser takes 0.4 s of regular expression per 8 KiB header.)
+/// Errors: `bad_request`.
 class MultipartReader {
  public:
   static constexpr std::size_t kMaxPartHead = std::size_t{8} * 1024;
@@ -35,7 +35,7 @@ class MultipartReader {
   MultipartReader(std::string boundary, PartSink sink);
 
   proto::Expected<void> feed(std::string_view bytes);
-  proto::Expected<void> finish() const;  ///< whether the closing boundary was there
+  proto::Expected<void> finish() const;  ///< checks that the closing boundary was there
 
  private:
   enum class State { kPreamble, kAfterBoundary, kHead, kBody, kEpilogue };
@@ -55,8 +55,8 @@ class MultipartReader {
   bool body_begins_ = false;  ///< at_ is still at the CRLF that ended the part's head
 };
 
-/// The boundary parameter of a Content-Type of multipart/form-data; nothing when it has none or is
-/// another type.
+/// Returns the boundary parameter of a Content-Type of multipart/form-data; nothing when it has
+/// none or is another type.
 std::optional<std::string> multipart_boundary(std::string_view content_type);
 
 /// Parses the head lines of a part. Errors: `bad_request`.

@@ -8,7 +8,8 @@
 
 namespace kiln::http {
 
-/// application/problem+json; status, title and Retry-After follow from the error's code.
+/// Returns a problem as application/problem+json. Status, title and Retry-After follow from the
+/// error's code.
 Response problem(const proto::Error&, const std::string& request_id,
                  const std::string& instance = {});
 inline Response problem(const proto::Error& error, const Request& request) {
@@ -17,7 +18,8 @@ inline Response problem(const proto::Error& error, const Request& request) {
 
 Response json_response(int status, const nlohmann::json&);
 
-/// A whole answer as bytes, for what is refused before there is a request. Says Connection: close.
+/// Returns a whole answer as bytes, for what is refused before there is a request. It says
+/// Connection: close.
 std::string raw_problem(const proto::Error&, const std::string& request_id);
 
 }  // namespace kiln::http

@@ -13,7 +13,7 @@ namespace kiln::http {
 class Router {
  public:
   void add(std::string method, std::string_view pattern, Handler);
-  /// Answers 404, 405 with Allow and OPTIONS by itself.
+  /// Finds the handler. The router itself answers 404, 405 with Allow, and OPTIONS.
   Response route(Request&) const;
 
  private:

@@ -21,7 +21,7 @@ void attempt(const Step& step) {
 
 }  // namespace
 
-// The flag is set before the loop is told, and the loop looks at it when it parks the connection:
+// The flag is set before the loop is woken, and the loop looks at it when it parks the connection:
 // one of the two finds the other.
 void Waker::wake(const std::shared_ptr<Waker>& waker) noexcept {
   if (waker->woken_.exchange(true)) return;
@@ -42,8 +42,8 @@ WaitingConnections::~WaitingConnections() {
   close();
 }
 
-// What was posted before the loop's thread gets to this is closed with the others, and what comes
-// later is not let in.
+// Connections that were posted before the loop's thread gets to this are closed with the others;
+// later ones are not let in.
 void WaitingConnections::close() {
   loop_.detach(*this);
 }

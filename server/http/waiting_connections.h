@@ -15,7 +15,7 @@ namespace kiln::http {
 /// Goes on with one connection that is parked. Thread-safe; it may outlive the loop.
 class Waker {
  public:
-  /// The connection goes on, now or when it is parked. Later calls do nothing.
+  /// Has the connection go on, now or when it is parked. Later calls do nothing.
   static void wake(const std::shared_ptr<Waker>&) noexcept;
 
  private:
@@ -26,9 +26,9 @@ class Waker {
   std::function<void()> go_on_;  ///< set while it is parked; the loop's thread only
 };
 
-/// Connections that wait without a thread: for the head of their next request, for bytes of its
-/// body or room for those of its answer, for what a deferred answer waits for, or for the peer to
-/// take its last answer. Thread-safe, but for what says otherwise.
+/// Holds connections that wait without a thread: for the head of their next request, for bytes of
+/// its body or room for those of its answer, for what a deferred answer waits for, or for the peer
+/// to take its last answer. Thread-safe, except where a comment says otherwise.
 class WaitingConnections final : private Loop::Watcher {
  public:
   using ConnectionPtr = std::shared_ptr<Connection>;
@@ -36,9 +36,9 @@ class WaitingConnections final : private Loop::Watcher {
   using Ready = std::function<void(ConnectionPtr)>;
   /// Makes the answer for a head that is over the limit or past its deadline, by code.
   using LastWords = std::function<std::string(const char* code)>;
-  /// Why a connection goes on.
+  /// The reason why a connection goes on.
   enum class End { kReady, kWoken, kLate, kGone };
-  /// Called once, on the loop's thread. Not when the connection is closed with everything.
+  /// Called once, on the loop's thread, but not when the connection is closed with everything.
   using Resume = std::function<void(End)>;
   enum class For { kBytes, kRoom };
 
@@ -47,11 +47,11 @@ class WaitingConnections final : private Loop::Watcher {
   WaitingConnections(const WaitingConnections&) = delete;
   WaitingConnections& operator=(const WaitingConnections&) = delete;
 
-  /// Waits for a head. `fresh`: for the first one.
+  /// Waits for a head. `fresh` is set for the connection's first one.
   void await_head(ConnectionPtr, bool fresh);
   /// Waits until bytes can be read, or written, or until the connection's deadline.
   void await(ConnectionPtr, For, Resume);
-  /// A waker for one connection that is to be parked.
+  /// Returns a waker for one connection that is to be parked.
   std::shared_ptr<Waker> waker() const;
   /// Waits until it is woken, which may have happened already, until the connection's deadline, or
   /// until the peer closes. What the peer sends meanwhile stays where it is.
@@ -69,8 +69,8 @@ class WaitingConnections final : private Loop::Watcher {
     ConnectionPtr connection;
     Mode mode = Mode::kIdle;
     std::uint32_t events = 0;
-    Resume resume{};                 ///< of one in transfer or parked
-    std::shared_ptr<Waker> waker{};  ///< of one that is parked
+    Resume resume{};                 ///< set while in transfer or parked
+    std::shared_ptr<Waker> waker{};  ///< set while parked
     Loop::Clock::time_point deadline{};
   };
   void post(Entry);
@@ -91,7 +91,7 @@ class WaitingConnections final : private Loop::Watcher {
   const EdgeLimits& limits_;
   const Ready ready_;
   const LastWords last_words_;
-  // All of these: the loop's thread only.
+  // Only the loop's thread uses all of these.
   std::map<Loop::Id, Entry> entries_;
   std::set<std::pair<Loop::Clock::time_point, Loop::Id>> deadlines_;
   std::size_t lingering_ = 0;  ///< entries that only leave: they have given their place back

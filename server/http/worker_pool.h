@@ -10,7 +10,7 @@
 
 namespace kiln::http {
 
-/// Threads that answer requests, with stacks of a known size whatever the platform's default.
+/// Runs threads that answer requests, with stacks of a known size whatever the platform's default.
 class WorkerPool {
  public:
   static constexpr std::size_t kStackBytes = 8 << 20;
@@ -20,9 +20,9 @@ class WorkerPool {
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  /// False when too much is waiting: the task was not taken.
+  /// Queues a task. Returns false when too much is waiting: the task was not taken.
   bool enqueue(std::function<void()> task);
-  /// Goes on with what was taken before, and so is not refused. Lost once the pool is stopping.
+  /// Queues what was taken before, and so is not refused. It is lost once the pool is stopping.
   void enqueue_again(std::function<void()> task);
   void stop();
 
@@ -38,7 +38,7 @@ class WorkerPool {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Task> tasks_;  ///< guarded by mutex_
-  std::size_t fresh_ = 0;   ///< of these; guarded by mutex_
+  std::size_t fresh_ = 0;   ///< number of fresh ones among these; guarded by mutex_
   bool stopping_ = false;   ///< guarded by mutex_
   std::vector<pthread_t> threads_;
 };

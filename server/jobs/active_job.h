@@ -15,7 +15,7 @@
 
 namespace kiln::jobs {
 
-/// A job that is not over, in memory. Everybody reads it; only JobTransitions changes its fields,
+/// A job that is not over, in memory. All parts read it; only JobTransitions changes its fields,
 /// and keeps memory, store and events in step.
 class ActiveJob {
  public:
@@ -28,7 +28,7 @@ class ActiveJob {
   std::stop_source stop;          ///< ends the bake as soon as possible, without a result
   std::stop_source finish_early;  ///< ends it with the light of the passes that are done
 
-  /// Guards everything below: who calls one of these functions holds it, except for copy(),
+  /// Guards everything below. A caller of one of these functions holds it, except for copy(),
   /// snapshot() and show(), which take it.
   mutable std::mutex mutex;
 

@@ -33,11 +33,11 @@ class Admission {
   Admission(const Admission&) = delete;
   Admission& operator=(const Admission&) = delete;
 
-  /// Whether a job of this tenant would be taken now.
+  /// Checks whether a job of this tenant would be taken now.
   /// Errors: `queue_full`, `draining`, `quota_exceeded`.
   proto::Expected<void> check(const Lock&, const std::string& tenant) const;
 
-  /// A place in the queue, held for a job that is being stored. Ends with the object.
+  /// A place in the queue, held for a job that is being stored. It ends with the object.
   class Place {
    public:
     Place(Place&& other) noexcept : admission_(std::exchange(other.admission_, nullptr)) {}
@@ -54,22 +54,24 @@ class Admission {
   proto::Expected<Place> hold_place(const std::string& tenant);
 
   /// Takes the next job that may run now out of the queue, with the memory that it is known to
-  /// need. Null: none.
+  /// need. Returns null when there is none.
   JobPtr take_next(const Lock&);
-  /// A job that take_next() gave has stopped running.
+  /// Notes that a job which take_next() gave has stopped running.
   void release(const ActiveJob&);
   /// Reserves memory for a running job, in place of what it had.
   MemoryGrant reserve(const ActiveJob&, std::uint64_t bytes);
-  std::uint64_t memory_limit() const;  ///< of one bake's estimate; 0: there is none
-  std::uint64_t bake_memory() const { return memory_->for_bakes(); }  ///< of all bakes together
+  std::uint64_t memory_limit() const;  ///< limit of one bake's estimate; 0: none
+  std::uint64_t bake_memory() const {
+    return memory_->for_bakes();
+  }  ///< memory of all bakes together
 
   struct Counts {
     std::size_t queued = 0, running = 0;
-    std::uint64_t reserved_bytes = 0;  ///< of memory, for those that run
+    std::uint64_t reserved_bytes = 0;  ///< memory of those that run
   };
   Counts counts() const;
 
-  /// What a tenant has and took, for its quotas.
+  /// The amounts that a tenant has and has taken, for its quotas.
   struct Usage {
     std::size_t queued = 0, running = 0;
     std::uint64_t result_bytes = 0;
@@ -78,8 +80,8 @@ class Admission {
   };
   Usage usage(const std::string& tenant) const;
 
-  void begin_drain();  ///< no job is taken, and no queued one is started, from now on
-  /// Whether the running jobs ended in time.
+  void begin_drain();  ///< takes no job, and starts no queued one, from now on
+  /// Returns whether the running jobs ended in time.
   bool wait_idle(std::chrono::milliseconds) const;
 
  private:
@@ -89,7 +91,7 @@ class Admission {
   JobRegistry& registry_;
   const store::JobStore& store_;
   const std::shared_ptr<base::MemoryBudget> memory_;
-  // Guarded by the registry's lock:
+  // The registry's lock guards these.
   std::size_t held_places_ = 0;
   bool draining_ = false;
 };

@@ -12,7 +12,8 @@ EventFeeds::EventFeeds(store::JobStore& store, EventHook hook)
 }
 
 std::shared_ptr<const base::EventRing> EventFeeds::of(const Key& tenant) {
-  // Under the lock: an event that is stored meanwhile is in what is read, or pushed afterwards.
+  // This runs under the lock: an event that is stored meanwhile is in what is read, or pushed
+  // afterwards.
   const std::lock_guard lock(mutex_);
   std::erase_if(rings_, [](const auto& entry) { return entry.second.expired(); });
   auto& known = rings_[tenant];

@@ -12,8 +12,8 @@
 
 namespace kiln::jobs {
 
-/// The events of all jobs of a tenant, or of everyone, as rings that streams can follow. A ring
-/// lives as long as somebody follows it, and is filled from the store. Thread-safe.
+/// Gives the events of all jobs of a tenant, or of all tenants, as rings that streams can follow. A
+/// ring lives as long as a stream follows it, and is filled from the store. Thread-safe.
 class EventFeeds {
  public:
   using EventHook = std::function<void(const base::EventRing*)>;

@@ -11,21 +11,23 @@
 
 namespace kiln::jobs {
 
-/// Bounds on what is kept though nobody asked for it again.
+/// Bounds what is kept although no client asked for it again.
 struct Retention {
-  /// Scenes that no job names, and checkpoints of jobs that failed or were canceled.
+  /// The time that scenes without a job, and checkpoints of jobs that failed or were canceled, are
+  /// kept.
   std::chrono::seconds leftovers{86'400};
-  /// Jobs that are over go, oldest first, while the data folder is larger. 0: no limit.
+  /// The largest size of the data folder: above it jobs that are over are deleted, oldest first. 0:
+  /// no limit.
   std::uint64_t max_bytes = 0;
 };
 
-/// Deletes what is no longer needed, on a thread of its own: jobs past their time to live, uploads
-/// that nobody finished, leftovers, then old jobs as far as the disk budget asks for it.
+/// Deletes what is no longer needed, on a thread of its own: jobs past their time to live,
+/// unfinished uploads, leftovers, then old jobs as far as the disk budget asks for it.
 class Janitor {
  public:
   Janitor(const data::DataFolder&, store::JobStore&, const data::SceneStore&, data::UploadStore&,
           JobControl&, Retention, std::chrono::milliseconds interval);
-  /// One round, on the calling thread. Throws DatabaseError.
+  /// Does one round, on the calling thread. Throws DatabaseError.
   void sweep();
 
  private:

@@ -53,7 +53,7 @@ proto::Expected<proto::Job> JobControl::cancel(const std::string& id, CancelMode
   bool over = false;
   proto::Job result;
   {
-    // Both locks: a runner takes the job from the queue under the registry's.
+    // This holds both locks, since a runner takes the job from the queue under the registry's.
     const JobRegistry::Lock lock = registry_.lock();
     const std::lock_guard job_lock(job->mutex);
     if (proto::is_terminal(job->job().state)) return job->job();
@@ -147,7 +147,7 @@ proto::Expected<void> JobControl::remove(const std::string& id, bool force) {
     if (auto canceled = cancel(id); !canceled) return proto::Unexpected(canceled.error());
   }
   {
-    // To the end under the lock: a retry in between would queue a job that is gone.
+    // This holds the lock to the end: a retry in between would queue a job that is gone.
     JobRegistry::Lock lock = registry_.lock();
     if (!registry_.wait(lock, kPatience, [&] { return !registry_.find(lock, id); }))
       return refuse();

@@ -27,8 +27,8 @@ class JobControl {
   JobControl(const data::DataFolder&, store::JobStore&, JobRegistry&, const JobLookup&,
              const Admission&, const JobTransitions&, JobNotifier&);
 
-  /// A queued job is over at once; a running one turns to canceling. One that is over stays as it
-  /// is. Errors: `not_found`.
+  /// Cancels a job. A queued job is over at once; a running one turns to canceling. One that is
+  /// over stays as it is. Errors: `not_found`.
   proto::Expected<proto::Job> cancel(const std::string& id, CancelMode = CancelMode::kNow);
   /// Queues a job that failed or was canceled again, as its next attempt.
   /// Errors: `not_found`, `job_not_retryable`, `queue_full`, `draining`, `quota_exceeded`.

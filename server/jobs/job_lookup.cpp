@@ -63,7 +63,7 @@ std::vector<proto::ResultFile> JobLookup::results(const std::string& id) const {
 JobWatches::Watch JobLookup::watch(const std::string& id, std::optional<std::uint64_t> since,
                                    std::function<void()> moved) const {
   auto watch = watches_.add(id, since, std::move(moved));
-  // The watch is on: this look sees a change from before it, and one from now on is told.
+  // The watch is on, so this look sees an earlier change, and the watch reports a later one.
   const auto job = get(id);
   watches_.tell(id, job ? job->version : 0, !job || proto::is_terminal(job->state));
   return watch;

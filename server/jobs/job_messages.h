@@ -5,7 +5,7 @@
 #include "proto/expected.h"
 #include "proto/job.h"
 
-/// Messages that several parts of this room give alike.
+/// These messages are shared by several parts of this room.
 namespace kiln::jobs {
 
 /// Returns the error `not_found` for a job.

@@ -17,19 +17,19 @@ class JobQueue {
     std::string tenant;
     std::int64_t priority = 0;
     std::int64_t sequence = 0;  ///< unique
-    std::uint64_t bytes = 0;    ///< of memory that it needs; 0: not known yet
+    std::uint64_t bytes = 0;    ///< memory that it needs; 0: not known yet
   };
 
   void insert(const Entry&);
-  bool erase(const Entry&);  ///< whether it was there
+  bool erase(const Entry&);  ///< returns whether it was there
   bool contains(const Entry&) const;
   /// Returns how many come before it by priority and age, plus one; 0: it does not wait. Fair share
   /// between tenants may let others pass.
   std::size_t position(const Entry&) const;
 
   /// Takes the next job out and counts it as running. Tenants with `max_running` running jobs wait;
-  /// 0: no limit. A job that needs more than `free_bytes` waits, and all behind it with it: would
-  /// smaller ones pass it, it could wait for ever.
+  /// 0: no limit. A job that needs more than `free_bytes` waits, and all behind it wait too: if
+  /// smaller ones passed it, it could wait for ever.
   std::optional<Entry> take(std::size_t max_running, std::uint64_t free_bytes = UINT64_MAX);
   void release(const std::string& tenant);  ///< a job that take() gave has stopped running
 

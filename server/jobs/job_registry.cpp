@@ -53,7 +53,7 @@ void JobRegistry::wait_until_gone(Lock& lock, const std::string& id) const {
 }
 
 void JobRegistry::wake() const {
-  { const Lock lock(mutex_); }  // who has just looked waits by now
+  { const Lock lock(mutex_); }  // a thread that has just looked waits by now
   changed_.notify_all();
 }
 

@@ -15,9 +15,9 @@
 
 namespace kiln::jobs {
 
-/// The jobs that are not over, and the line of those that wait. Thread-safe: functions that take a
-/// Lock want the one that lock() returned, so that several of them make one step. Where a job's
-/// mutex is needed too, it is taken after this lock.
+/// Holds the jobs that are not over, and the line of those that wait. Thread-safe: functions that
+/// take a Lock want the one that lock() returned, so that several of them make one step. When a
+/// job's mutex is needed too, it is taken after this lock.
 class JobRegistry {
  public:
   using Lock = std::unique_lock<std::mutex>;
@@ -30,20 +30,21 @@ class JobRegistry {
   void remove(const ActiveJob&);
   JobPtr find(const Lock&, const std::string& id) const;  ///< null: it is over, or there is none
   JobPtr find(const std::string& id) const { return find(lock(), id); }
-  /// The job at this place of the order of submission. It has to be there.
+  /// Returns the job at this place of the order of submission. It must be there.
   JobPtr at_sequence(const Lock&, std::int64_t sequence) const;
   std::vector<JobPtr> all() const;
 
   JobQueue& queue(const Lock&) { return queue_; }
   const JobQueue& queue(const Lock&) const { return queue_; }
 
-  /// Waits until `ready` holds, which is asked again after each wake(); false: stopped first.
+  /// Waits until `ready` holds, which is asked again after each wake(). Returns false when stopped
+  /// first.
   bool wait(Lock&, const std::stop_token&, const std::function<bool()>& ready) const;
-  /// The same; false: the time was up first.
+  /// Does the same for at most this time. Returns false when the time was up first.
   bool wait(Lock&, std::chrono::milliseconds, const std::function<bool()>& ready) const;
   /// Waits until this job has been removed.
   void wait_until_gone(Lock&, const std::string& id) const;
-  /// Something that somebody may wait for has changed.
+  /// Notes that something has changed that a thread may wait for.
   void wake() const;
 
  private:

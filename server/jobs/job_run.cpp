@@ -62,7 +62,7 @@ JobRun::End JobRun::run(std::stop_token service_stop) {
   });
   Outcome outcome;
   if (canceled_before_start) {
-    outcome.error = proto::Error{proto::kCanceledCode, "Canceled.", {}};
+    outcome.error = proto::canceled().value();
   } else {
     outcome = bake();
   }

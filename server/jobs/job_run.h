@@ -37,11 +37,11 @@ struct Bakery {
   exec::ThreadPool& pool;
   BakeFunction bake;
   files::ImportLimits import_limits;
-  base::Metrics* metrics = nullptr;  ///< null: nobody counts
+  base::Metrics* metrics = nullptr;  ///< null: nothing is counted
 };
 
-/// One attempt at one job: calls the bake, turns what it observes into events, and stores how it
-/// ended. Whatever the bake throws fails this job only.
+/// Runs one attempt at one job: calls the bake, turns what it observes into events, and stores how
+/// it ended. An exception of the bake fails this job only.
 class JobRun final : public baker::BakeObserver {
  public:
   JobRun(const Bakery&, const JobLimits&, Admission&, const JobTransitions&, JobNotifier&,

@@ -26,7 +26,7 @@ void JobRunner::start() {
 }
 
 void JobRunner::stop() {
-  // The threads first: a run that is stopped looks whether the service is what stops it.
+  // The threads end first: a run that is stopped looks whether the service is what stops it.
   for (auto& thread : threads_) thread.request_stop();
   for (const JobPtr& job : registry_.all()) job->stop.request_stop();
   threads_.clear();  // joins

@@ -54,7 +54,7 @@ void JobService::recover() {
 }
 
 // Removes what a process leaves that ends between two steps: folders of jobs that were deleted, or
-// never stored, and checkpoints that nobody will ask for. None of these jobs is running yet.
+// never stored, and checkpoints that no job will ask for. None of these jobs is running yet.
 void JobService::clear_leftovers() const {
   for (const std::string& id : bakery_.data.job_folders()) {
     const auto stored = store_.find(id);

@@ -31,8 +31,8 @@ class JobSubmitter {
   JobSubmitter(const data::DataFolder&, store::JobStore&, const JobLimits&, JobRegistry&,
                const JobLookup&, Admission&, const JobTransitions&);
 
-  /// Whether submit() would take a job of this tenant now: worth knowing before an upload is read.
-  /// It would when the request of this idempotency key was answered before: that takes no room.
+  /// Checks whether submit() would take a job of this tenant now, before an upload is read. It
+  /// would when the request of this idempotency key was answered before, since that takes no room.
   /// Errors: `queue_full`, `draining`, `quota_exceeded`.
   proto::Expected<void> accepting(const std::string& tenant,
                                   const std::string& idempotency_key = {}) const;
@@ -63,7 +63,7 @@ class JobSubmitter {
   Admission& admission_;
   const JobTransitions& transitions_;
   std::mutex mutex_;
-  std::set<std::string> keys_in_use_;  ///< of requests being answered; guarded by mutex_
+  std::set<std::string> keys_in_use_;  ///< keys of requests being answered; guarded by mutex_
 };
 
 }  // namespace kiln::jobs

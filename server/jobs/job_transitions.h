@@ -15,10 +15,11 @@
 
 namespace kiln::jobs {
 
-/// Every way in which a job can change: the only door to its fields. A transition stores the change
-/// and its events in one transaction, then shows both to readers; the version grows. When the store
-/// throws (DatabaseError), the job is as it was. The caller holds the job's mutex. The functions
-/// named note_... change memory only: what they note is stored with the next transition.
+/// Holds every way in which a job can change; nothing else changes its fields. A transition stores
+/// the change and its events in one transaction, then shows both to readers; the version grows.
+/// When the store throws (DatabaseError), the job is as it was. The caller holds the job's mutex.
+/// The functions named note_... change memory only: what they note is stored with the next
+/// transition.
 class JobTransitions {
  public:
   explicit JobTransitions(store::JobStore& store) : store_(store) {}
@@ -29,32 +30,34 @@ class JobTransitions {
   void submit_cached(ActiveJob&, const proto::Job& original, const std::vector<proto::ResultFile>&,
                      const std::optional<store::IdempotencyKey>&) const;
 
-  /// A runner took the job from the queue: kPreparing.
+  /// Notes that a runner took the job from the queue: kPreparing.
   void start(ActiveJob&) const;
-  /// The bake begins a stage. The state follows from it, unless the job is being canceled.
+  /// Notes that the bake begins a stage. The state follows from it, unless the job is being
+  /// canceled.
   void begin_stage(ActiveJob&, const std::string& stage) const;
-  /// A pass is done: the process that ended attempts before did not end by this job's fault.
+  /// Notes that a pass is done: the process that ended attempts before did not end by this job's
+  /// fault.
   void complete_pass(ActiveJob&, const proto::PassReport&) const;
   /// Adds one event about the job as it is now.
   void add_event(ActiveJob&, const char* type, const nlohmann::json& data) const;
   void note_progress(ActiveJob&, const proto::JobProgress&) const;
   void note_memory_estimate(ActiveJob&, std::uint64_t bytes) const;
-  /// The job will be canceled, whatever its bake answers: see cancel().
+  /// Notes that the job will be canceled, whatever its bake answers: see cancel().
   void note_cancel(ActiveJob&) const;
 
-  /// A job that runs turns to kCanceling.
+  /// Turns a job that runs to kCanceling.
   void cancel(ActiveJob&) const;
-  /// The job is over: result.ready when there are files, job.state, job.end.
+  /// Ends the job: result.ready when there are files, job.state, job.end.
   void finish(ActiveJob&, proto::JobState, std::optional<proto::Error>,
               const std::vector<proto::ResultFile>&) const;
-  /// A job that ran goes back to the queue, for the next attempt.
+  /// Puts a job that ran back into the queue, for the next attempt.
   void requeue(ActiveJob&) const;
-  /// The same for a job whose process ended while it ran. With `limit` such ends in a row it fails
-  /// instead, as `worker_lost`.
+  /// Does the same for a job whose process ended while it ran. With `limit` such ends in a row the
+  /// job fails instead, as `worker_lost`.
   void recover(ActiveJob&, std::uint32_t limit) const;
-  /// The same for a job that was over; its results are forgotten.
+  /// Does the same for a job that was over; its results are forgotten.
   void restart(ActiveJob&) const;
-  /// A job goes back to the queue as the same attempt, since there is no room for its memory now.
+  /// Puts a job back into the queue as the same attempt, since there is no room for its memory now.
   void defer(ActiveJob&) const;
 
   /// Changes priority, labels and time to live. Adds no event: events are about the bake.

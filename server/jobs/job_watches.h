@@ -8,7 +8,7 @@
 
 namespace kiln::jobs {
 
-/// Watchers of jobs, each of which is called once. The cost of a job's change grows with the
+/// Holds watchers of jobs, each of which is called once. The cost of a job's change grows with the
 /// watchers of this job, not with all. Thread-safe.
 class JobWatches {
  public:
@@ -16,8 +16,8 @@ class JobWatches {
   /// begun by then is not waited for.
   using Watch = std::shared_ptr<const void>;
 
-  /// `moved` will be called once, from any thread: when the job is over, or with `since` when it is
-  /// of a later version.
+  /// Has `moved` called once, from any thread: when the job is over, or with `since` when it is of
+  /// a later version.
   Watch add(const std::string& job, std::optional<std::uint64_t> since,
             std::function<void()> moved);
   /// Calls the watchers that wait for this version of the job, with no lock held.

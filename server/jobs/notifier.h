@@ -17,9 +17,10 @@ class JobNotifier {
   void on_event(EventHook hook);
   JobWatches& watches() { return watches_; }
 
-  /// The job has new events: calls the hook, and the watchers that wait for this change.
+  /// Reports that the job has new events: calls the hook, and the watchers that wait for this
+  /// change.
   void notify(const ActiveJob&);
-  /// The job has changed without an event: calls the watchers.
+  /// Reports that the job has changed without an event: calls the watchers.
   void notify_watchers(const ActiveJob&);
 
  private:

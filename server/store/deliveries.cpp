@@ -39,7 +39,7 @@ void JobStore::put_delivery(const proto::Job& job, const proto::Event& event) {
 std::optional<Delivery> JobStore::claim_delivery(std::int64_t now, std::int64_t horizon,
                                                  std::int64_t until,
                                                  const std::vector<std::string>& busy) {
-  // Most of the time there is nothing: a look costs no write.
+  // Most of the time there is nothing, so a look costs no write.
   if (const auto next = next_delivery(); !next || (*next > now && *next <= horizon)) return {};
   std::string others;
   for (std::size_t i = 0; i < busy.size(); ++i)

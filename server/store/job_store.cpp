@@ -55,7 +55,7 @@ void JobStore::write(const std::string& tenant, Durability durability,
     fresh_.clear();
     new_deliveries_ = false;
     writer_.transaction(durability, body);
-    // Under the lock, so that the feed's order is that of its ids.
+    // This runs under the lock, so that the feed's order is that of its ids.
     if (feed_hook_ && !fresh_.empty()) feed_hook_(tenant, fresh_);
     if (new_deliveries_) delivered = delivery_hook_;
   }

@@ -27,7 +27,7 @@ struct StoredJob {
 /// A client's name for a request that made a job.
 struct IdempotencyKey {
   std::string key;          ///< with the tenant's name before it
-  std::string fingerprint;  ///< of what the request asked for
+  std::string fingerprint;  ///< digest of what the request asked for
 };
 
 struct JobFilter {
@@ -49,7 +49,7 @@ struct Feed {
 struct Delivery {
   std::string id;  ///< msg_..., the same at every try
   std::string tenant, url, origin, secret_ref, body;
-  std::uint32_t tries = 0;  ///< that failed
+  std::uint32_t tries = 0;  ///< number of failed tries
 };
 
 /// The work of a tenant's bakes in a day.
@@ -58,8 +58,8 @@ struct Usage {
   double cpu_seconds = 0;
 };
 
-/// Jobs, their events and results in SQLite. One writer and one reader connection, each behind its
-/// mutex. Throws DatabaseError.
+/// Stores jobs, their events and results in SQLite. There is one writer and one reader connection,
+/// each behind its mutex. Throws DatabaseError.
 class JobStore {
  public:
   /// Opens or creates the file and migrates its schema. Throws when it was written by a later
@@ -74,12 +74,11 @@ class JobStore {
                       const std::optional<IdempotencyKey>& = {});
   /// Stores the job's new state and the events of the change in one transaction.
   void save(const StoredJob&, const std::vector<proto::Event>&, Database::Durability);
-  /// The last change of a job: terminal state, events and result files. On the disk when it
-  /// returns.
+  /// Stores the last change of a job: terminal state, events and result files. It is on the disk on
+  /// return.
   void finish(const StoredJob&, const std::vector<proto::Event>&,
               const std::vector<proto::ResultFile>&);
-  /// A job that was over is queued again: its result files are forgotten. On the disk when it
-  /// returns.
+  /// Queues a job that was over again: its result files are forgotten. It is on the disk on return.
   void restart(const StoredJob&, const std::vector<proto::Event>&);
   void remove(const std::string& id);
 
@@ -92,20 +91,21 @@ class JobStore {
   /// Events that a job's webhook wants are stored with a message to it, in one transaction. `hook`
   /// is called after such a transaction, with no lock held.
   void on_delivery(std::function<void()> hook) { delivery_hook_ = std::move(hook); }
-  /// The message that is due first, but to none of these origins; it is not due again before
-  /// `until`. Times are Unix milliseconds; due is what is at `now` or earlier, or after `horizon`.
+  /// Returns the message that is due first, but to none of these origins; it is not due again
+  /// before `until`. Times are Unix milliseconds; due is what is at `now` or earlier, or after
+  /// `horizon`.
   std::optional<Delivery> claim_delivery(std::int64_t now, std::int64_t horizon, std::int64_t until,
                                          const std::vector<std::string>& busy);
-  void release_deliveries();  ///< what an earlier process had claimed is due
-  std::optional<std::int64_t> next_delivery() const;  ///< when the first one is due
-  std::uint64_t deliveries() const;                   ///< that are not delivered
+  void release_deliveries();  ///< makes due what an earlier process had claimed
+  std::optional<std::int64_t> next_delivery() const;  ///< time at which the first one is due
+  std::uint64_t deliveries() const;                   ///< number that are not delivered
   void postpone_delivery(const std::string& id, std::uint32_t tries, std::int64_t due_ms);
   void forget_delivery(const std::string& id);
 
   std::optional<StoredJob> find(const std::string& id) const;
   std::vector<StoredJob> list(const JobFilter&) const;  ///< newest first
   std::vector<StoredJob> unfinished() const;            ///< oldest first
-  /// The tenant's newest job with this key that succeeded.
+  /// Returns the tenant's newest job with this key that succeeded.
   std::optional<StoredJob> find_succeeded(const std::string& bake_key,
                                           const std::string& tenant) const;
   std::uint64_t result_bytes(const std::string& tenant) const;
@@ -113,7 +113,7 @@ class JobStore {
   void grant_scene(const std::string& scene, const std::string& tenant);
   bool owns_scene(const std::string& scene, const std::string& tenant) const;
   void forget_scene(const std::string& scene);  ///< it was deleted
-  /// The fingerprint and job id of a request.
+  /// Returns the fingerprint and job id of a request.
   std::optional<std::pair<std::string, std::string>> find_request(const std::string& key) const;
   bool names_scene(const std::string& scene) const;                 ///< any job does
   std::vector<std::string> expired(const std::string& now) const;   ///< ids; RFC 3339
@@ -121,11 +121,11 @@ class JobStore {
   std::vector<proto::Event> events_after(const std::string& id, std::uint64_t after) const;
   std::vector<proto::ResultFile> results(const std::string& id) const;
 
-  /// `day`: "2026-11-22". Adding forgets days that are long over.
+  /// `day` has the form "2026-11-22". Adding forgets days that are long over.
   void add_usage(const std::string& tenant, const std::string& day, const Usage&);
   Usage usage(const std::string& tenant, const std::string& day) const;
 
-  bool writable();  ///< whether a transaction can be written now
+  bool writable();  ///< returns whether a transaction can be written now
 
  private:
   /// Runs `body` in a transaction, then tells the feed hook of the events that it put.
@@ -139,9 +139,9 @@ class JobStore {
 
   std::mutex write_mutex_;
   Database writer_;
-  std::vector<proto::Event> fresh_;  ///< of this transaction, for the hook
+  std::vector<proto::Event> fresh_;  ///< events of this transaction, for the hook
   FeedHook feed_hook_;
-  bool new_deliveries_ = false;  ///< of this transaction
+  bool new_deliveries_ = false;  ///< this transaction has some
   std::function<void()> delivery_hook_;
   mutable std::mutex read_mutex_;
   mutable Database reader_;

@@ -28,6 +28,6 @@ inline std::int64_t as_int(std::uint64_t value) {
 std::string with_job(const std::string& id, const std::string& data);
 
 StoredJob read_job_row(const Statement& row);
-std::vector<StoredJob> read_job_rows(Statement& rows);  ///< all that are left
+std::vector<StoredJob> read_job_rows(Statement& rows);  ///< reads all rows that are left
 
 }  // namespace kiln::store

@@ -17,11 +17,12 @@ class Networks {
  public:
   using Address = std::array<unsigned char, 16>;
 
-  /// "10.0.0.0/8, fd00::/8, 192.0.2.7": blanks and commas between; "" is the empty list.
+  /// Parses "10.0.0.0/8, fd00::/8, 192.0.2.7", with blanks and commas between; "" is the empty
+  /// list.
   /// Errors: `invalid_config`.
   static proto::Expected<Networks> parse(std::string_view list);
 
-  /// An address in numbers, without brackets; nothing when it is a name.
+  /// Returns an address in numbers, without brackets; nothing when it is a name.
   static std::optional<Address> address(const std::string& text);
 
   bool contains(const Address&) const;
@@ -35,13 +36,13 @@ class Networks {
   std::vector<Range> ranges_;
 };
 
-/// Whether an address belongs to the public internet: not this machine, a private, link-local,
-/// shared, documentation, benchmark, multicast or reserved range, nor one of these behind IPv6
-/// (mapped, NAT64, 6to4). Cloud metadata services are in them too.
+/// Returns whether an address belongs to the public internet: not this machine, a private,
+/// link-local, shared, documentation, benchmark, multicast or reserved range, nor one of these
+/// behind IPv6 (mapped, NAT64, 6to4). Those ranges include cloud metadata services.
 bool is_public(const Networks::Address&);
 
-/// Whether a webhook may go there: to public addresses, and to those that are allowed. Families
-/// other than IPv4 and IPv6: never.
+/// Returns whether a webhook may go there: to public addresses, and to those that are allowed,
+/// never to families other than IPv4 and IPv6.
 bool may_reach(const sockaddr&, const Networks& allowed);
 
 }  // namespace kiln::webhooks

@@ -34,7 +34,8 @@ proto::Expected<WebhookSecrets> WebhookSecrets::parse(const std::string& text) {
     const std::string name(http::trim_blanks(content.substr(0, equals)));
     const auto at = [&] { return "line " + std::to_string(number) + ": "; };
     if (equals == std::string_view::npos || !is_name(name))
-      return proto::fail("invalid_config", at() + "expected NAME = SECRET or TENANT/NAME = SECRET");
+      return proto::fail("invalid_config",
+                         at() + "it must be NAME = SECRET or TENANT/NAME = SECRET");
     auto key = webhook_key(http::trim_blanks(content.substr(equals + 1)));
     if (!key) return proto::fail("invalid_config", at() + key.error().message);
     out.keys_[name].push_back(std::move(*key));

@@ -9,9 +9,9 @@
 
 namespace kiln::webhooks {
 
-/// The secrets that messages are signed with, by name. They come from a file of lines
-/// "name = whsec_..."; a name that has several signs with each of them, so that a secret can be
-/// changed without a gap. "tenant/name" is of one tenant, "name" of all of them.
+/// Holds the secrets that messages are signed with, by name. They come from a file of lines "name =
+/// whsec_..."; a name that has several signs with each of them, so that a secret can be changed
+/// without a gap. "tenant/name" is of one tenant, "name" of all of them.
 class WebhookSecrets {
  public:
   /// Blank lines and those that begin with # are left out.
@@ -19,7 +19,7 @@ class WebhookSecrets {
   static proto::Expected<WebhookSecrets> read(const std::filesystem::path&);
   static proto::Expected<WebhookSecrets> parse(const std::string& text);
 
-  /// The keys of this name: the tenant's own before the common ones. None: no such name.
+  /// Returns the keys of this name: the tenant's own before the common ones. None: no such name.
   std::vector<std::string> keys(const std::string& tenant, const std::string& name) const;
 
  private:

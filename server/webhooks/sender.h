@@ -18,8 +18,8 @@ proto::Expected<void> check_webhook_url(const std::string& url, const Networks& 
 /// One message, ready to be sent.
 struct WebhookMessage {
   std::string id, url, body;
-  std::int64_t timestamp = 0;       ///< of this try, in Unix seconds
-  std::vector<std::string> keys{};  ///< to sign with, each
+  std::int64_t timestamp = 0;       ///< time of this try, in Unix seconds
+  std::vector<std::string> keys{};  ///< keys that each sign the message
 };
 
 struct WebhookAnswer {

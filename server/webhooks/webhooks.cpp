@@ -13,7 +13,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kLease{30'000};  // of a message on its way: longer than any try
+constexpr milliseconds kLease{30'000};  // lease of a message on its way: longer than any try
 
 std::int64_t unix_ms() {
   return std::chrono::duration_cast<milliseconds>(

@@ -21,7 +21,7 @@
 
 namespace kiln::webhooks {
 
-/// From a failed try to the next; after the last one a message is given up.
+/// The pauses from a failed try to the next. After the last one a message is given up.
 using WebhookDelays = std::vector<std::chrono::milliseconds>;
 inline const WebhookDelays kWebhookDelays{std::chrono::seconds(5),  std::chrono::seconds(30),
                                           std::chrono::minutes(2),  std::chrono::minutes(10),
@@ -48,7 +48,7 @@ class Webhooks {
   Webhooks(const Webhooks&) = delete;
   Webhooks& operator=(const Webhooks&) = delete;
 
-  /// Whether messages can go there, as far as it can be told now.
+  /// Checks whether messages can go there, as far as that can be known now.
   /// Errors: `invalid_request`: the URL, or a secret that this tenant has not.
   proto::Expected<void> check(const proto::Webhook&, const std::string& tenant) const;
 
@@ -59,7 +59,7 @@ class Webhooks {
   /// Sends one message of the type webhook.test, once. Blocks.
   Tested test(const proto::Webhook&, const std::string& tenant) const;
 
-  void stop();  ///< what is on its way is sent again by the next process
+  void stop();  ///< the next process sends again what is on its way
 
  private:
   static constexpr unsigned kThreads = 4, kPerOrigin = 2;
@@ -69,7 +69,7 @@ class Webhooks {
   void wait(std::unique_lock<std::mutex>&, const std::stop_token&);
   WebhookAnswer send(const store::Delivery&, const std::stop_token&) const;
   void settle(const store::Delivery&, const WebhookAnswer&);
-  void leave(const std::string& origin);  ///< with the mutex held
+  void leave(const std::string& origin);  ///< the caller holds the mutex
   proto::Expected<std::vector<std::string>> keys(const std::string& tenant,
                                                  const std::string& name) const;
 

@@ -60,11 +60,11 @@ TEST(Stop, TwoMillionChartsToo) {
   }
 }
 
-TEST(Stop, RasterisingTwoMillionTriangles) {
+TEST(Stop, RasterizingTwoMillionTriangles) {
   const scene::Scene scene = hills(kCells, false);
   const auto atlas = build_atlas(scene, {});
   ASSERT_TRUE(atlas) << atlas.error().message;
-  test::expect_quick_stops([&](std::stop_token stop) { return rasterise(scene, *atlas, stop); });
+  test::expect_quick_stops([&](std::stop_token stop) { return rasterize(scene, *atlas, stop); });
 }
 
 TEST(Stop, TheStoppableSortIsAStableSort) {

@@ -49,9 +49,9 @@ Mesh soup(std::uint32_t count) {
   };
   Mesh m;
   for (std::uint32_t i = 0; i < count; ++i) {
-    const math::Vec3 centre{10 * random(), 10 * random(), 10 * random()};
+    const math::Vec3 center{10 * random(), 10 * random(), 10 * random()};
     for (std::uint32_t k = 0; k < 3; ++k) {
-      m.positions.push_back(centre + math::Vec3{random(), random(), random()});
+      m.positions.push_back(center + math::Vec3{random(), random(), random()});
     }
     m.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }

@@ -115,7 +115,7 @@ TEST(Bake, StopsWithinASecondAndSaysSo) {
   std::stop_source stop;
   Recorder recorder;
   std::chrono::steady_clock::time_point asked;
-  std::jthread canceller([&] {
+  std::jthread canceler([&] {
     std::this_thread::sleep_for(1s);
     asked = std::chrono::steady_clock::now();
     stop.request_stop();
@@ -135,7 +135,7 @@ TEST(Bake, MayBeStoppedAtAnyMoment) {
   exec::ThreadPool pool(2);
   for (int k = 0; k < 40; ++k) {
     std::stop_source stop;
-    const std::jthread canceller([&] {
+    const std::jthread canceler([&] {
       std::this_thread::sleep_for(k * 3ms * test::kSlowdown);
       stop.request_stop();
     });

@@ -32,13 +32,13 @@ void atlas(benchmark::State& state, proto::Unwrap unwrap) {
   for (auto _ : state) benchmark::DoNotOptimize(test::must(atlas::build_atlas(scene, settings)));
   state.SetItemsProcessed(state.iterations() * std::int64_t(scene.triangles.size()));
 }
-void rasterise(benchmark::State& state) {
+void rasterize(benchmark::State& state) {
   const scene::Scene& scene = ball_at_1024().scene;
   proto::AtlasSettings settings;
   settings.page_size = std::uint32_t(state.range(0));
   const atlas::Atlas atlas = test::must(atlas::build_atlas(scene, settings));
   std::int64_t texels = 0;
-  for (auto _ : state) texels += test::must(atlas::rasterise(scene, atlas)).size();
+  for (auto _ : state) texels += test::must(atlas::rasterize(scene, atlas)).size();
   state.SetItemsProcessed(texels);
 }
 
@@ -123,7 +123,7 @@ BENCHMARK_CAPTURE(import, room_textured, "room_textured")->Unit(kUnit);
 BENCHMARK(build_bvh)->Unit(kUnit);
 BENCHMARK_CAPTURE(atlas, existing, proto::Unwrap::kExisting)->Unit(kUnit);
 BENCHMARK_CAPTURE(atlas, unwrap, proto::Unwrap::kAlways)->Unit(kUnit);
-BENCHMARK(rasterise)->ArgName("page")->Arg(256)->Arg(1024)->Unit(kUnit);
+BENCHMARK(rasterize)->ArgName("page")->Arg(256)->Arg(1024)->Unit(kUnit);
 BENCHMARK_CAPTURE(write_exr, half, proto::Precision::kHalf)->Unit(kUnit);
 BENCHMARK_CAPTURE(write_exr, float, proto::Precision::kFloat)->Unit(kUnit);
 BENCHMARK_CAPTURE(threads, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);

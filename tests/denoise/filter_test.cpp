@@ -6,7 +6,7 @@
 
 #include <random>
 
-#include "baker/denoise/surface_neighbours.h"
+#include "baker/denoise/surface_neighbors.h"
 #include "baker/solve.h"
 #include "baker/solver/work.h"
 #include "tests/support/quad_scene.h"
@@ -18,29 +18,29 @@ namespace {
 /// Two squares of 2 m that make one floor, a wall on one of them, and nothing else.
 std::unique_ptr<solver::QuadScene> floors() {
   auto scene = std::make_unique<solver::QuadScene>(96);
-  const math::Rgb grey{0.5f, 0.5f, 0.5f};
-  scene->add({{0, 0, 0}, {0, 0, 2}, {2, 0, 0}, grey});
-  scene->add({{2, 0, 0}, {0, 0, 2}, {2, 0, 0}, grey});
-  scene->add({{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, grey});
+  const math::Rgb gray{0.5f, 0.5f, 0.5f};
+  scene->add({{0, 0, 0}, {0, 0, 2}, {2, 0, 0}, gray});
+  scene->add({{2, 0, 0}, {0, 0, 2}, {2, 0, 0}, gray});
+  scene->add({{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, gray});
   scene->build();
   return scene;
 }
 
-TEST(SurfaceNeighbours, GoOnBehindTheEdgeOfAChart) {
+TEST(SurfaceNeighbors, GoOnBehindTheEdgeOfAChart) {
   const auto scene = floors();
   const atlas::TextureGroup& texels = scene->texels();
-  SurfaceNeighbours neighbours(texels);
+  SurfaceNeighbors neighbors(texels);
   exec::ThreadPool pool(2);
-  ASSERT_TRUE(neighbours.link({pool, {}}));
+  ASSERT_TRUE(neighbors.link({pool, {}}));
   const auto floor = scene->texels_of(0);
   const float side = std::sqrt(texels.area_m2[floor[floor.size() / 2]]);
   std::uint32_t across = 0, edge = 0;
   for (const std::uint32_t t : floor) {
-    const auto around = neighbours.of(t);
-    EXPECT_EQ(around[SurfaceNeighbours::kSelf], std::int32_t(t));
+    const auto around = neighbors.of(t);
+    EXPECT_EQ(around[SurfaceNeighbors::kSelf], std::int32_t(t));
     for (const std::int32_t n : around) {
       if (n == atlas::kNoTexel) continue;
-      EXPECT_NE(texels.triangle[n] / 2, 2u) << "a wall is no neighbour of the floor";
+      EXPECT_NE(texels.triangle[n] / 2, 2u) << "a wall is no neighbor of the floor";
       across += texels.triangle[n] / 2 == 1;
       EXPECT_LT(length(texels.position[n] - texels.position[t]), 4.5f * side);
     }

@@ -42,7 +42,7 @@ TEST(ThreadPool, StopEndsTheWaitSoon) {
   ThreadPool pool(2);
   std::stop_source stop;
   std::atomic<int> runs{0};
-  std::jthread canceller([&] {
+  std::jthread canceler([&] {
     std::this_thread::sleep_for(50ms);
     stop.request_stop();
   });

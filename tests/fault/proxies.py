@@ -149,11 +149,11 @@ def check_stream(service, proxy, scene):
     now = service.ask("GET", f"/v1/jobs/{waiting}").json["state"]
     assert now == "queued", f"they were held back until the job was {now}: {beats}"
     # An event on the same connection comes before the stream is long enough to fill a buffer.
-    cancelled = time.monotonic()
+    canceled = time.monotonic()
     assert service.ask("POST", f"/v1/jobs/{waiting}/cancel").status in (200, 202)
     while b"event: job.end" not in response.readline():
-        assert time.monotonic() - cancelled < PATIENCE
-    took = time.monotonic() - cancelled
+        assert time.monotonic() - canceled < PATIENCE
+    took = time.monotonic() - canceled
     connection.close()
     service.ask("DELETE", f"/v1/jobs/{ids[0]}?force=true")
     return f"heartbeats {gaps} s apart, an event after {took * 1000:.0f} ms"

@@ -145,7 +145,7 @@ void expect_picture(const Pixels& texels, int tolerance,
   }
 }
 
-// At quality 98 the coarsest step of the tables is 5: half of it, with the rounding of two colour
+// At quality 98 the coarsest step of the tables is 5: half of it, with the rounding of two color
 // conversions and half the chroma samples.
 constexpr int kJpegLoss = 6;
 

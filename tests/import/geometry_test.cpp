@@ -57,7 +57,7 @@ TEST(Geometry, IndicesOfEveryType) {
   expect_indices_of_type<std::uint32_t>();
 }
 
-/// Positions of a quantised type, scaled back by the node: 0 and 100 become 0 and 1.
+/// Positions of a quantized type, scaled back by the node: 0 and 100 become 0 and 1.
 template <class T>
 void expect_positions_of_type(bool normalized) {
   SCOPED_TRACE(normalized);
@@ -76,7 +76,7 @@ void expect_positions_of_type(bool normalized) {
   EXPECT_TRUE(scene.warnings.empty());
 }
 
-TEST(Geometry, QuantisedPositionsOfEveryType) {
+TEST(Geometry, QuantizedPositionsOfEveryType) {
   for (const bool normalized : {false, true}) {
     expect_positions_of_type<std::int8_t>(normalized);
     expect_positions_of_type<std::uint8_t>(normalized);
@@ -85,7 +85,7 @@ TEST(Geometry, QuantisedPositionsOfEveryType) {
   }
 }
 
-TEST(Geometry, QuantisedPositionsNeedTheExtension) {
+TEST(Geometry, QuantizedPositionsNeedTheExtension) {
   GltfBuilder b;
   const int positions = b.accessor(std::vector<std::int16_t>{0, 0, 0, 9, 0, 0, 0, 9, 0}, 3);
   b.node({{"mesh", b.mesh({{"attributes", {{"POSITION", positions}}}})}});
@@ -95,7 +95,7 @@ TEST(Geometry, QuantisedPositionsNeedTheExtension) {
   EXPECT_EQ(scene.error().details.at(0).pointer, "/accessors/0/componentType");
 }
 
-TEST(Geometry, MostNegativeNormalisedValueIsMinusOne) {
+TEST(Geometry, MostNegativeNormalizedValueIsMinusOne) {
   GltfBuilder b;
   const int positions = b.accessor(test::triangle_positions(), 3);
   const int normals =
@@ -109,7 +109,7 @@ TEST(Geometry, MostNegativeNormalisedValueIsMinusOne) {
   EXPECT_EQ(scene.normals[2], (math::Vec3{0, 0, 1}));
 }
 
-/// Texture coordinates and colours of a type: half of full scale at every vertex.
+/// Texture coordinates and colors of a type: half of full scale at every vertex.
 template <class T>
 void expect_unit_attributes_of_type(T half, bool normalized, float expected) {
   GltfBuilder b;
@@ -128,13 +128,13 @@ void expect_unit_attributes_of_type(T half, bool normalized, float expected) {
   EXPECT_EQ(scene.colors[2], (std::array<float, 4>{expected, expected, expected, 1}));
 }
 
-TEST(Geometry, TextureCoordinatesAndColoursOfEveryType) {
+TEST(Geometry, TextureCoordinatesAndColorsOfEveryType) {
   expect_unit_attributes_of_type<float>(0.5f, false, 0.5f);
   expect_unit_attributes_of_type<std::uint8_t>(51, true, 51 / 255.f);
   expect_unit_attributes_of_type<std::uint16_t>(13107, true, 13107 / 65535.f);
 }
 
-TEST(Geometry, ColourWithAlpha) {
+TEST(Geometry, ColorWithAlpha) {
   GltfBuilder b;
   const int positions = b.accessor(test::triangle_positions(), 3);
   const int rgba = b.accessor(std::vector<float>{1, 0, 0, 0.25f, 0, 1, 0, 0.5f, 0, 0, 1, 0.75f}, 4);
@@ -342,7 +342,7 @@ TEST(Nodes, MatrixAndTrsGiveTheSameScene) {
 
 TEST(Nodes, NormalsFollowTheInverseTranspose) {
   const scene::Scene scene = with_node({{"scale", {1, 3, 1}}});
-  // (0, 0.6, 0.8) with Y stretched three times: (0, 0.2, 0.8), normalised.
+  // (0, 0.6, 0.8) with Y stretched three times: (0, 0.2, 0.8), normalized.
   const float l = std::sqrt(0.2f * 0.2f + 0.8f * 0.8f);
   expect_near(scene.normals.at(0), {0, 0.2f / l, 0.8f / l}, 1e-6f);
 }

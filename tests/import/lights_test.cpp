@@ -131,7 +131,7 @@ TEST(SettingsLights, EmissiveSurfaceIsALight) {
   EXPECT_EQ(check_scene(off.files, {}).error().code, "no_light");
 }
 
-TEST(SettingsLights, RectangleIsCentredAndFacesItsDirection) {
+TEST(SettingsLights, RectangleIsCenteredAndFacesItsDirection) {
   for (const std::array<float, 3>& direction : {std::array<float, 3>{0, -1, 0},
                                                 {0, 2, 0},
                                                 {1, 0, 0},

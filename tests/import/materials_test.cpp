@@ -1,4 +1,4 @@
-// Albedo and emission of imported scenes: factors, textures, colours, and how images are decoded.
+// Albedo and emission of imported scenes: factors, textures, colors, and how images are decoded.
 #include <gtest/gtest.h>
 #include <webp/encode.h>
 
@@ -15,7 +15,7 @@ namespace {
 using test::PngBuilder;
 
 /// 2 x 2 pixels: red, green / blue, white.
-std::string four_colours() {
+std::string four_colors() {
   return PngBuilder::encode(2, 2, 8, 2, std::string("\xff\0\0\0\xff\0\0\0\xff\xff\xff\xff", 12));
 }
 
@@ -59,14 +59,14 @@ TEST(Materials, DefaultIsWhiteAndDark) {
 }
 
 TEST(Materials, RowZeroIsTheTopOfTheImage) {
-  EXPECT_EQ(albedo(textured(four_colours(), {0.25f, 0.25f})), kRed);
-  EXPECT_EQ(albedo(textured(four_colours(), {0.75f, 0.25f})), kGreen);
-  EXPECT_EQ(albedo(textured(four_colours(), {0.25f, 0.75f})), kBlue);
+  EXPECT_EQ(albedo(textured(four_colors(), {0.25f, 0.25f})), kRed);
+  EXPECT_EQ(albedo(textured(four_colors(), {0.75f, 0.25f})), kGreen);
+  EXPECT_EQ(albedo(textured(four_colors(), {0.25f, 0.75f})), kBlue);
 }
 
 TEST(Materials, WrapModes) {
   const auto with_wrap = [](int s, math::Vec2 uv) {
-    return albedo(textured(four_colours(), uv, [&](GltfBuilder& b, nlohmann::json&) {
+    return albedo(textured(four_colors(), uv, [&](GltfBuilder& b, nlohmann::json&) {
       b.json["samplers"][0]["wrapS"] = s;
     }));
   };
@@ -79,18 +79,18 @@ TEST(Materials, WrapModes) {
 }
 
 TEST(Materials, BilinearUnlessNearestIsAskedFor) {
-  const auto grey = [](const char* filter) {
+  const auto gray = [](const char* filter) {
     return albedo(textured(PngBuilder::encode(2, 1, 8, 0, std::string("\0\xff", 2)), {0.5f, 0.5f},
                            [&](GltfBuilder& b, nlohmann::json&) {
                              if (filter == nullptr) b.json["samplers"][0].erase("magFilter");
                            }))
         .r;
   };
-  EXPECT_NEAR(grey(nullptr), 0.5f, 1e-6f);  // the mean of the linear values
-  EXPECT_EQ(grey("nearest"), 1.f);
+  EXPECT_NEAR(gray(nullptr), 0.5f, 1e-6f);  // the mean of the linear values
+  EXPECT_EQ(gray("nearest"), 1.f);
 }
 
-TEST(Materials, FactorTextureAndVertexColourMultiply) {
+TEST(Materials, FactorTextureAndVertexColorMultiply) {
   GltfBuilder b;
   const int positions = b.accessor(test::triangle_positions(), 3);
   const int uv = b.accessor(std::vector<float>(6, 0.75f), 2);
@@ -110,7 +110,7 @@ TEST(Materials, FactorTextureAndVertexColourMultiply) {
 
 TEST(Materials, EmissionIsFactorTimesStrengthTimesTexture) {
   const scene::Scene scene =
-      textured(four_colours(), {0.75f, 0.25f}, [](GltfBuilder&, nlohmann::json& m) {
+      textured(four_colors(), {0.75f, 0.25f}, [](GltfBuilder&, nlohmann::json& m) {
         m["emissiveFactor"] = {1, 0.5, 0.25};
         m["emissiveTexture"] = {{"index", 0}};
         m["extensions"] = {{"KHR_materials_emissive_strength", {{"emissiveStrength", 400}}}};
@@ -123,7 +123,7 @@ TEST(Materials, EmissionIsFactorTimesStrengthTimesTexture) {
 
 TEST(Materials, TextureTransformScalesThenTurnsThenMoves) {
   const auto with_transform = [](nlohmann::json transform, math::Vec2 uv) {
-    return albedo(textured(four_colours(), uv, [&](GltfBuilder& b, nlohmann::json& m) {
+    return albedo(textured(four_colors(), uv, [&](GltfBuilder& b, nlohmann::json& m) {
       b.json["extensionsUsed"] = {"KHR_texture_transform"};
       m["pbrMetallicRoughness"]["baseColorTexture"]["extensions"]["KHR_texture_transform"] =
           transform;
@@ -138,7 +138,7 @@ TEST(Materials, TextureTransformScalesThenTurnsThenMoves) {
 
 TEST(Materials, TextureTransformMayNameAnotherSet) {
   const scene::Scene scene =
-      textured(four_colours(), {0.25f, 0.25f}, [](GltfBuilder&, nlohmann::json& m) {
+      textured(four_colors(), {0.25f, 0.25f}, [](GltfBuilder&, nlohmann::json& m) {
         m["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 3;
         m["pbrMetallicRoughness"]["baseColorTexture"]["extensions"]["KHR_texture_transform"]
          ["texCoord"] = 0;
@@ -149,16 +149,16 @@ TEST(Materials, TextureTransformMayNameAnotherSet) {
 
 TEST(Materials, MissingTextureCoordinatesAreAWarning) {
   const scene::Scene scene =
-      textured(four_colours(), {0.75f, 0.75f}, [](GltfBuilder&, nlohmann::json& m) {
+      textured(four_colors(), {0.75f, 0.75f}, [](GltfBuilder&, nlohmann::json& m) {
         m["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 1;
       });
   EXPECT_EQ(albedo(scene), kRed);
   EXPECT_EQ(warning_codes(scene), std::vector<std::string>{"texcoord_missing"});
 }
 
-TEST(Materials, SpecularGlossinessReplacesTheBaseColour) {
+TEST(Materials, SpecularGlossinessReplacesTheBaseColor) {
   const scene::Scene scene =
-      textured(four_colours(), {0.25f, 0.25f}, [](GltfBuilder& b, nlohmann::json& m) {
+      textured(four_colors(), {0.25f, 0.25f}, [](GltfBuilder& b, nlohmann::json& m) {
         b.json["extensionsUsed"] = {"KHR_materials_pbrSpecularGlossiness"};
         m["extensions"]["KHR_materials_pbrSpecularGlossiness"] = {
             {"diffuseFactor", {0.5, 0.25, 0.125, 1}}};
@@ -167,7 +167,7 @@ TEST(Materials, SpecularGlossinessReplacesTheBaseColour) {
 }
 
 TEST(Materials, DoubleSidedAndAlpha) {
-  const scene::Scene scene = textured(four_colours(), {0, 0}, [](GltfBuilder&, nlohmann::json& m) {
+  const scene::Scene scene = textured(four_colors(), {0, 0}, [](GltfBuilder&, nlohmann::json& m) {
     m["doubleSided"] = true;
     m["alphaMode"] = "MASK";
     m["alphaCutoff"] = 0.25;
@@ -182,7 +182,7 @@ TEST(Materials, DoubleSidedAndAlpha) {
 
 TEST(Materials, FactorsOutsideZeroToOneAreClampedWithAWarning) {
   const scene::Scene scene =
-      textured(four_colours(), {0.75f, 0.75f}, [](GltfBuilder&, nlohmann::json& m) {
+      textured(four_colors(), {0.75f, 0.75f}, [](GltfBuilder&, nlohmann::json& m) {
         m["pbrMetallicRoughness"]["baseColorFactor"] = {1.5, -1, 0.5, 1};
       });
   EXPECT_EQ(albedo(scene), (math::Rgb{1, 0, 0.5f}));
@@ -196,14 +196,14 @@ std::array<std::uint8_t, 4> first_texel(const std::string& png) {
   return scene.image_texels.empty() ? std::array<std::uint8_t, 4>{} : scene.image_texels[0];
 }
 
-TEST(Images, PngOfEveryColourTypeAndDepth) {
+TEST(Images, PngOfEveryColorTypeAndDepth) {
   using Texel = std::array<std::uint8_t, 4>;
   EXPECT_EQ(first_texel(PngBuilder::encode(1, 1, 8, 0, "\x40")), (Texel{0x40, 0x40, 0x40, 255}));
   EXPECT_EQ(first_texel(PngBuilder::encode(1, 1, 8, 4, "\x40\x80")),
             (Texel{0x40, 0x40, 0x40, 0x80}));
   EXPECT_EQ(first_texel(PngBuilder::encode(1, 1, 8, 2, "\x40\x50\x60")),
             (Texel{0x40, 0x50, 0x60, 255}));
-  // Colours are kept as stored, not multiplied by alpha.
+  // Colors are kept as stored, not multiplied by alpha.
   EXPECT_EQ(first_texel(PngBuilder::encode(1, 1, 8, 6, "\x40\x50\x60\x10")),
             (Texel{0x40, 0x50, 0x60, 0x10}));
   EXPECT_EQ(first_texel(PngBuilder::encode(1, 1, 16, 2, "\x40\x40\x50\x50\x60\x60")),
@@ -222,7 +222,7 @@ proto::Expected<scene::Scene> import_image(const std::string& image,
 }
 
 TEST(Images, BrokenImageIsAnErrorWithItsPlace) {
-  const std::string png = four_colours();
+  const std::string png = four_colors();
   for (std::size_t length = 8; length < png.size() - 12; ++length) {
     const auto scene = import_image(png.substr(0, length));
     ASSERT_FALSE(scene) << length;
@@ -234,7 +234,7 @@ TEST(Images, BrokenImageIsAnErrorWithItsPlace) {
 TEST(Images, DeclaredSizeIsHeldAgainstTheLimitsBeforeDecoding) {
   files::ImportLimits limits;
   limits.image_pixels = 3;
-  const auto scene = import_image(four_colours(), limits);
+  const auto scene = import_image(four_colors(), limits);
   ASSERT_FALSE(scene);
   EXPECT_EQ(scene.error().code, "limit_exceeded");
   EXPECT_EQ(scene.error().details.at(0).pointer, "/images/0");
@@ -247,7 +247,7 @@ TEST(Images, DeclaredSizeIsHeldAgainstTheLimitsBeforeDecoding) {
 
 TEST(Images, AllImagesTogetherHaveALimitToo) {
   GltfBuilder b = test::triangle_builder();
-  for (int i = 0; i < 2; ++i) b.add("textures", {{"source", b.image(four_colours(), "image/png")}});
+  for (int i = 0; i < 2; ++i) b.add("textures", {{"source", b.image(four_colors(), "image/png")}});
   b.material({{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}},
               {"emissiveFactor", {1, 1, 1}},
               {"emissiveTexture", {{"index", 1}}}});
@@ -315,7 +315,7 @@ TEST(Images, MissingFileIsFoundByTheCheck) {
   ASSERT_FALSE(checked);
   EXPECT_EQ(checked.error().code, "missing_file");
   EXPECT_EQ(checked.error().details.at(0).pointer, "/images/0/uri");
-  const Upload whole(b.glb(), {{"textures/wood.png", four_colours()}});
+  const Upload whole(b.glb(), {{"textures/wood.png", four_colors()}});
   EXPECT_TRUE(check_scene(whole.files, dark()));
   EXPECT_TRUE(import_scene(whole.files, dark()));
 }

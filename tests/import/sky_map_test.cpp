@@ -117,7 +117,7 @@ constexpr float kAcesCgToRec709[3][3]{{1.70505f, -0.62179f, -0.08326f},
                                       {-0.13026f, 1.14080f, -0.01055f},
                                       {-0.02400f, -0.12897f, 1.15297f}};
 
-TEST(SkyMap, ColoursAreReadByTheFilesPrimaries) {
+TEST(SkyMap, ColorsAreReadByTheFilesPrimaries) {
   SkyPicture sky = picture();
   for (math::Rgb& c : sky.pixels) c = test::hdr_rounded(c);
   sky.pixels[7] = {0, 64, 0};  // a green that Rec. 709 has not

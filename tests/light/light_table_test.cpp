@@ -92,8 +92,8 @@ TEST(LightTable, WeightsAreUnoccludedIrradiance) {
   int compared = 0, dark = 0;
   for (std::uint32_t place = 0; place < lights.size(); ++place) {
     const AreaLight& light = lights[table.light()[place]];
-    const float up = dot(light.centre(), n), size = light.longest_edge_m,
-                distance = length(light.centre());
+    const float up = dot(light.center(), n), size = light.longest_edge_m,
+                distance = length(light.center());
     if (w.near[place / 16] >> place % 16 & 1) {
       EXPECT_LT(distance, 0.1f + 2 * size);
       EXPECT_EQ(w.weight[place], 0);
@@ -103,7 +103,7 @@ TEST(LightTable, WeightsAreUnoccludedIrradiance) {
     } else if (up > size) {
       ++compared;
       const double facing =
-          double(luminance(light.radiance) * light.area_m2 / dot(light.centre(), light.centre()));
+          double(luminance(light.radiance) * light.area_m2 / dot(light.center(), light.center()));
       EXPECT_NEAR(w.weight[place], irradiance_at_origin(light, n),
                   facing * double(size * size / (distance * distance)));
     }

@@ -34,7 +34,7 @@ class Patches : public testing::Test {
     return h;
   }
   std::string bytes(std::uint32_t begin, std::uint32_t end) const {
-    return TexelPatch::of(head(begin, end), light_, 0).serialised();
+    return TexelPatch::of(head(begin, end), light_, 0).serialized();
   }
 };
 
@@ -73,7 +73,7 @@ TEST_F(Patches, OfAnotherPassOrRangeAreRefused) {
     const std::uint64_t size = patch.head.bytes;
     patch.head = h;
     if (h.bytes == 0) patch.head.bytes = size;
-    const auto parsed = parse_patch(patch.serialised(), form_);
+    const auto parsed = parse_patch(patch.serialized(), form_);
     return !parsed && parsed.error().code == "invalid_patch";
   };
   ASSERT_FALSE(refused(head(32, 64))) << "as it should be";
@@ -102,7 +102,7 @@ TEST_F(Patches, OfAnotherPassOrRangeAreRefused) {
 TEST_F(Patches, ValuesThatWouldLeadAPassAstrayAreRefused) {
   const auto applied = [&](const Lightmap& light) {
     Lightmap copy(kTexels, state_);
-    const auto patch = parse_patch(TexelPatch::of(head(32, 64), light, 0).serialised(), form_);
+    const auto patch = parse_patch(TexelPatch::of(head(32, 64), light, 0).serialized(), form_);
     return patch && apply_patch(*patch, copy).has_value();
   };
   ASSERT_TRUE(applied(light_));

@@ -71,8 +71,8 @@ inline proto::BakeSettings dark() {
 inline std::vector<LitPage> lit_pages(std::uint32_t pages) {
   std::vector<LitPage> out;
   for (std::uint32_t p = 0; p < pages; ++p) {
-    const std::vector<std::array<std::uint8_t, 3>> grey(8, {100, 100, 100});
-    out.push_back({image::encode_png(grey, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f});
+    const std::vector<std::array<std::uint8_t, 3>> gray(8, {100, 100, 100});
+    out.push_back({image::encode_png(gray, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f});
   }
   return out;
 }

@@ -92,10 +92,10 @@ TEST(ComposePage, LitTexelsKeepTheirValueAndPaddingHasNoCoverage) {
   EXPECT_EQ(image.coverage, (std::vector<float>{0.5f, 0.5f, 0}));
 }
 
-image::PageImage row_of(const std::vector<float>& grey, float coverage = 1) {
-  image::PageImage image{std::uint32_t(grey.size()), 1, {}, {}};
-  for (const float g : grey) image.rgb.push_back({g, g, g});
-  image.coverage.assign(grey.size(), coverage);
+image::PageImage row_of(const std::vector<float>& gray, float coverage = 1) {
+  image::PageImage image{std::uint32_t(gray.size()), 1, {}, {}};
+  for (const float g : gray) image.rgb.push_back({g, g, g});
+  image.coverage.assign(gray.size(), coverage);
   return image;
 }
 

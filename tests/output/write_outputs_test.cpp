@@ -28,7 +28,7 @@ struct Baked {
     settings.atlas.page_size = 64;
     scene = import::import_scene(files, settings).value();
     atlas = atlas::build_atlas(scene, settings.atlas).value();
-    texels = rasterise(scene, atlas).value();
+    texels = rasterize(scene, atlas).value();
     light = lightmap::Lightmap(texels.size());
     for (std::uint32_t i = 0; i < texels.size(); ++i) {
       light.direct[i] = {100 + texels.position[i].x, 10, 1};

@@ -17,7 +17,7 @@ namespace kiln::proto {
 inline bool accepts(const nlohmann::json& schema, const nlohmann::json& v);
 
 /// Our patterns mean the same to POSIX as to JSON Schema. (std::regex can't be used: once it is
-/// instrumented by a sanitizer, GCC takes parts of it for uninitialised.)
+/// instrumented by a sanitizer, GCC takes parts of it for uninitialized.)
 inline bool matches(const std::string& text, const std::string& pattern) {
   regex_t compiled;
   if (::regcomp(&compiled, pattern.c_str(), REG_EXTENDED | REG_NOSUB) != 0)

@@ -98,7 +98,7 @@ TEST(Frame, IsOrthonormalForAllNormals) {
   }
 }
 
-// For density cosθ/π: E[cosθ] = 2/3, E[cos²θ] = 1/2, and no direction is favoured around the axis.
+// For density cosθ/π: E[cosθ] = 2/3, E[cos²θ] = 1/2, and no direction is favored around the axis.
 TEST(CosineDirection, HasTheMomentsOfACosine) {
   constexpr std::uint32_t kN = 65536;
   double z = 0, z2 = 0, x = 0, y = 0, x2 = 0;
@@ -146,7 +146,7 @@ TEST(SphericalTriangle, SmallTriangleTendsToItsFlatArea) {
   EXPECT_NEAR(t.solid_angle / (0.5e-4 / 100), 1, 2e-2);  // float: 7 digits on unit vectors
 }
 
-// A square of side 2 at distance 1, parallel, centred: F = 4 · F of one quadrant, which is
+// A square of side 2 at distance 1, parallel, centered: F = 4 · F of one quadrant, which is
 // 1/(2π) · 2 · (X/√(1+X²)) · atan(Y/√(1+X²)) with X = Y = 1 [Howell, configuration B-4].
 TEST(TriangleIrradiance, ParallelSquareOverAPoint) {
   const double x = 1 / std::sqrt(2.0);

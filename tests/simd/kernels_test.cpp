@@ -293,7 +293,7 @@ TEST(Kernels, LookUpTellsSkyBacksAndRims) {
   float bu[16] = {}, bv[16] = {};
   const float u[16] = {};
   back[1] = 1;
-  bu[2] = 7.8f / 8;  // the last column has no right neighbour
+  bu[2] = 7.8f / 8;  // the last column has no right neighbor
   bu[3] = bv[3] = 3.0f / 8;
   bu[4] = -0.01f;  // outside the page
   for (const InstructionSet set : available()) {

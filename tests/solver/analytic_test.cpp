@@ -253,7 +253,7 @@ TEST_P(EveryMethod, SealedRoomIsExactlyDarkAtTexelsThatAWallOnlyTouches) {
 }
 
 // Light that a lamp gives is absorbed in the end: Σ A (1-ρ) E = Φ in each channel of a closed box.
-TEST(GatherEnergy, ClosedColouredBoxAbsorbsWhatItsLampEmits) {
+TEST(GatherEnergy, ClosedColoredBoxAbsorbsWhatItsLampEmits) {
   QuadScene room(128);
   room.add_room({-1, 0, -1}, {1, 2, 1}, {0.7f, 0.4f, 0.2f});
   room.add_block({-0.5f, 0.2f, -0.3f}, {0.1f, 0.9f, 0.2f}, {0.2f, 0.6f, 0.5f}, true);

@@ -22,7 +22,7 @@ math::Vec3 direction_of(std::uint32_t x, std::uint32_t y, std::uint32_t rows) {
   return {std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)};
 }
 
-scene::SkyMap grey_map(std::uint32_t rows, const Radiance& radiance) {
+scene::SkyMap gray_map(std::uint32_t rows, const Radiance& radiance) {
   scene::SkyMap map;
   map.width = 2 * rows;
   map.height = rows;
@@ -36,7 +36,7 @@ scene::SkyMap grey_map(std::uint32_t rows, const Radiance& radiance) {
 
 scene::Scene sky_scene(std::uint32_t rows, const Radiance& radiance) {
   scene::Scene scene;
-  scene.sky_map = grey_map(rows, radiance);
+  scene.sky_map = gray_map(rows, radiance);
   return scene;
 }
 
@@ -77,9 +77,9 @@ TEST(SkyLight, LooksWhereTheSettingsSay) {
   const auto pixel = [&](std::uint32_t x, std::uint32_t y) -> math::Rgb& {
     return map.texels[std::size_t(y) * map.width + x];
   };
-  pixel(64, 32) = {1, 0, 0};  // the centre
+  pixel(64, 32) = {1, 0, 0};  // the center
   pixel(96, 32) = {0, 1, 0};  // half way to its right edge
-  pixel(64, 8) = {0, 0, 1};   // above the centre
+  pixel(64, 8) = {0, 0, 1};   // above the center
   map.scale = 2;
   const auto seen = [&](math::Vec3 d) {
     return light::SkyLight(scene).seen(normalize(d)).radiance;
@@ -89,7 +89,7 @@ TEST(SkyLight, LooksWhereTheSettingsSay) {
   EXPECT_EQ(seen({0.43f, 1, 0.01f}), (math::Rgb{0, 0, 2}));
   EXPECT_EQ(seen({-1, 0, 0}), math::Rgb{});
   map.rotation = math::kPi / 2;
-  EXPECT_EQ(seen({0.02f, -0.02f, -1}), (math::Rgb{2, 0, 0})) << "the centre is seen along -Z";
+  EXPECT_EQ(seen({0.02f, -0.02f, -1}), (math::Rgb{2, 0, 0})) << "the center is seen along -Z";
   EXPECT_EQ(seen({1, -0.02f, 0.02f}), (math::Rgb{0, 2, 0}));
   scene.sky = {1, 1, 1};
   EXPECT_EQ(seen({1, -0.02f, 0.02f}), (math::Rgb{1, 3, 1}));
@@ -233,7 +233,7 @@ TEST_P(SkyByEveryMethod, AMapOfOneValueIsAUniformSky) {
   scene.scene().sky = {3, 3, 3};
   const Solution uniform = scene.solve(samples(64, GetParam()));
   scene.scene().sky = {1, 1, 1};
-  scene.scene().sky_map = grey_map(16, [](math::Vec3) { return 0.5f; });
+  scene.scene().sky_map = gray_map(16, [](math::Vec3) { return 0.5f; });
   scene.scene().sky_map.scale = 4;
   const Solution map = scene.solve(samples(64, GetParam()));
   for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
@@ -250,7 +250,7 @@ TEST_P(SkyByEveryMethod, ASunBringsItsSolidAngleTimesTheCosine) {
     const auto wall = scene.add({{5, 0, 0}, {0, 1, 0}, {0, 0, 1}});  // faces +X
     scene.build();
     scene::SkyMap& map = scene.scene().sky_map;
-    map = grey_map(256, sunny(1e4f));
+    map = gray_map(256, sunny(1e4f));
     for (math::Rgb& c : map.texels)
       if (c.g < 2) c = {};
     map.rotation = rotation;
@@ -280,7 +280,7 @@ TEST_P(SkyByEveryMethod, ASkyThatVariesSlowly) {
   const auto up = scene.add({{-1, 0, -1}, {0, 0, 2}, {2, 0, 0}});
   const auto down = scene.add({{-1, -1, -1}, {2, 0, 0}, {0, 0, 2}});
   scene.build();
-  scene.scene().sky_map = grey_map(128, [](math::Vec3 d) { return 1 + d.y; });
+  scene.scene().sky_map = gray_map(128, [](math::Vec3 d) { return 1 + d.y; });
   const Solution solution = scene.solve(samples(256, GetParam()));
   const auto mean = [&](std::uint32_t quad) {
     double sum = 0;
@@ -299,7 +299,7 @@ TEST_P(SkyByEveryMethod, TheSunCastsAShadow) {
   scene.add({{-3, 1, -2}, {6, 0, 0}, {0, 0, 2}});  // a roof over the half at -Z, seen from below
   scene.build();
   const math::Vec3 sun{0, std::cos(0.2f), std::sin(0.2f)};  // in front of it
-  scene.scene().sky_map = grey_map(256, sunny(1e4f, sun));
+  scene.scene().sky_map = gray_map(256, sunny(1e4f, sun));
   for (math::Rgb& c : scene.scene().sky_map.texels)
     if (c.g < 2) c = {};
   const Solution solution = scene.solve(samples(64, GetParam()));
@@ -340,7 +340,7 @@ double nrmse(const QuadScene& scene, const std::function<math::Rgb(std::uint32_t
 TEST(SkyMapAgreement, GatherMeetsPathUnderASun) {
   QuadScene scene = yard(64);
   scene::SkyMap& map = scene.scene().sky_map;
-  map = grey_map(256, sunny(1e4f));
+  map = gray_map(256, sunny(1e4f));
   for (math::Rgb& c : map.texels)
     c = c.g > 2 ? math::Rgb{c.g, 0.9f * c.g, 0.7f * c.g} : c * math::Rgb{0.4f, 0.7f, 1};
   map.rotation = 0.7f;
@@ -363,7 +363,7 @@ TEST(SkyMapAgreement, GatherMeetsPathUnderASun) {
 
 TEST(SkyMapAgreement, TheSpreadIsTheErrorBetweenSeeds) {
   QuadScene scene = yard(32);
-  scene.scene().sky_map = grey_map(128, sunny(1e4f));
+  scene.scene().sky_map = gray_map(128, sunny(1e4f));
   auto s = samples(64);
   s.bounces = 0;
   s.coarse_indirect = false;
@@ -392,7 +392,7 @@ TEST(SkyMapAgreement, TheSpreadIsTheErrorBetweenSeeds) {
 
 TEST(SkyMapAgreement, SameBitsOnAnyNumberOfThreads) {
   QuadScene scene = yard(64);
-  scene.scene().sky_map = grey_map(64, sunny(1e4f));
+  scene.scene().sky_map = gray_map(64, sunny(1e4f));
   for (const baker::Method& method : baker::methods()) {
     proto::SolverSettings s;
     s.method = method.id;
@@ -410,7 +410,7 @@ TEST(SkyMapAgreement, SameBitsOnAnyNumberOfThreads) {
 // What a texel gets does not depend on how its rays were put into packets, in the mean.
 TEST(SkyMapAgreement, EveryRayPatternSeesTheSameSky) {
   QuadScene scene = yard(32);
-  scene.scene().sky_map = grey_map(64, sunny(100));
+  scene.scene().sky_map = gray_map(64, sunny(100));
   double first = 0;
   for (const auto pattern : {proto::RayPattern::kTile, proto::RayPattern::kBlock,
                              proto::RayPattern::kStrata, proto::RayPattern::kIncoherent}) {

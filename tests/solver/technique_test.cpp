@@ -28,9 +28,9 @@ double mean(const lightmap::Plane<math::Rgb>& light) {
 /// A hall of 100 small lamps, a quarter of them hidden from the floor by a shelf.
 std::unique_ptr<QuadScene> hall() {
   auto hall = std::make_unique<QuadScene>(256);
-  const math::Rgb grey{0.5f, 0.5f, 0.5f};
-  hall->add({{-5, 0, -5}, {0, 0, 10}, {10, 0, 0}, grey});
-  hall->add({{-5, 2.5f, -5}, {2.5f, 0, 0}, {0, 0, 10}, grey});
+  const math::Rgb gray{0.5f, 0.5f, 0.5f};
+  hall->add({{-5, 0, -5}, {0, 0, 10}, {10, 0, 0}, gray});
+  hall->add({{-5, 2.5f, -5}, {2.5f, 0, 0}, {0, 0, 10}, gray});
   for (int i = 0; i < 100; ++i)
     hall->add({{-4.5f + float(i % 10), 3, -4.5f + float(i / 10)},
                {0.1f, 0, 0},

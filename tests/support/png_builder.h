@@ -6,7 +6,7 @@
 
 namespace kiln::test {
 
-/// A PNG file from raw scanline bytes, stored without compression, of any depth and colour type:
+/// A PNG file from raw scanline bytes, stored without compression, of any depth and color type:
 /// what image libraries write for us is never odd enough.
 class PngBuilder {
  public:

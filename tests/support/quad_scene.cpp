@@ -77,7 +77,7 @@ void QuadScene::build() {
   auto atlas = atlas::build_atlas(scene_, settings);
   if (!atlas) throw std::logic_error(atlas.error().message);
   atlas_ = std::make_unique<atlas::Atlas>(std::move(*atlas));
-  auto texels = rasterise(scene_, *atlas_);
+  auto texels = rasterize(scene_, *atlas_);
   if (!texels) throw std::logic_error(texels.error().message);
   texels_ = std::make_unique<atlas::TextureGroup>(std::move(*texels));
 }

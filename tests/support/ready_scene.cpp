@@ -25,7 +25,7 @@ ReadyScene::ReadyScene(std::string_view generator, std::uint32_t detail, std::ui
                        const proto::BakeSettings& settings)
     : scene(import_generated(generator, detail, settings)),
       atlas(lay_out(scene, page_size)),
-      texels(must(atlas::rasterise(scene, atlas))),
+      texels(must(atlas::rasterize(scene, atlas))),
       rays(must(trace::RayScene::build(scene))),
       lights(scene),
       lookup(scene, atlas, texels) {}

@@ -45,7 +45,7 @@ proto::Expected<std::unique_ptr<LitDocument>> LitDocument::open(const files::Sce
   return doc;
 }
 
-/// Moves all data into buffer 0. A buffer without data, a fallback that nobody reads, stays a
+/// Moves all data into buffer 0. A buffer without data, a fallback that no reader uses, stays a
 /// buffer.
 void LitDocument::merge_buffers() {
   const auto& buffers = source_.buffers;
@@ -150,7 +150,7 @@ proto::Expected<void> LitDocument::write(int fd) {
   json()["buffers"][0]["byteLength"] = binary_.size();
   std::string text = json().dump();
   if (gltf::glb_bytes(text.size(), binary_.size()) > gltf::kMaxGlbBytes)
-    return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format");
+    return proto::fail("limit_exceeded", "lit.glb would be longer than the 4 GiB of its format.");
   const std::string head = gltf::glb_head(std::move(text), binary_.size());
   if (auto ok = proto::write_all(fd, head, "lit.glb"); !ok) return ok;
   for (const std::string_view piece : binary_.pieces())

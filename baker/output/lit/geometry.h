@@ -20,7 +20,7 @@ struct LitPiece {
   /// `uv` has one entry for each of its vertices.
   bool keeps_vertices = false;
   std::vector<std::array<float, 2>> uv;  ///< 0..1 over the page, one per vertex of the result
-  std::vector<std::uint32_t> source;     ///< of each vertex, where they were split
+  std::vector<std::uint32_t> source;     ///< source of each vertex, if vertices were split
   std::vector<std::uint32_t> indices;    ///< likewise; the source's winding
 };
 

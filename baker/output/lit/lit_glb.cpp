@@ -246,7 +246,7 @@ class LitScene {
   LitDocument& document_;
   const scene::Scene& scene_;
   const atlas::Atlas& atlas_;
-  Json meshes_;  ///< of the source
+  Json meshes_;  ///< meshes of the source
   AccessorWriter writer_;
   LitMaterials materials_;
 };

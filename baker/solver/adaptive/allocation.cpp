@@ -11,9 +11,9 @@ struct Choice {
   double variance = 0;  ///< afterwards
 };
 
-/// How the variance of a unit falls.
+/// The law by which the variance of a unit falls.
 struct Fall {
-  double slope, by_doubling;  ///< what one doubling leaves of it
+  double slope, by_doubling;  ///< factor of one doubling
 
   explicit Fall(double s) : slope(s), by_doubling(std::exp2(-2 * s)) {}
   double left(double had, double more) const {

@@ -13,7 +13,7 @@ double square(double x) {
   return x * x;
 }
 
-/// Means over a tile: luminance, and the variances that the halves tell.
+/// The means over a tile: luminance, and the variances of the halves.
 struct Scatter {
   double light = 0, direct = 0, gathered = 0;
 };
@@ -47,7 +47,7 @@ void RoundForecast::see(const RoundOutlook& outlook) {
 
 void RoundForecast::guess(const lightmap::Lightmap& light, Shows shows) {
   if (!(samples_.target_error > 0) || light.size() == 0) return;
-  // 1. What is usual of the light that is not known yet.
+  // 1. Assume what is usual for the light that is not known yet.
   const bool many_lights = direct::DirectLight::are_many(world_.lights);
   const double left_of_direct =
       smooth_ ? (many_lights ? tuned::kLeftOfManyLights : tuned::kLeftOfDirect) : 1;
@@ -62,7 +62,7 @@ void RoundForecast::guess(const lightmap::Lightmap& light, Shows shows) {
   for (std::uint32_t t = 0; t < light.size(); ++t)
     mean += double(luminance(light.direct[t] + light.sky[t])) / light.size();
 
-  // 2. The noise of every tile, and how far it is above the target.
+  // 2. Find the noise of every tile, and how far it is above the target.
   Work work;
   double above = 0, sum = 0;
   std::vector<TileNoise> tiles;
@@ -84,7 +84,7 @@ void RoundForecast::guess(const lightmap::Lightmap& light, Shows shows) {
             share;
   });
 
-  // 3. What that will cost by the measure of the bake.
+  // 3. Find what that will cost by the measure of the bake.
   if (samples_.measure == proto::ErrorMeasure::kPercentile95) {
     rounds_ = above > tuned::kMayBeAbove ? work + judge_work() : Work{};
     return;

@@ -8,22 +8,22 @@
 
 namespace kiln::solver::adaptive {
 
-/// Foresees what filtering, judging and all rounds of a bake will cost, for the time that is left
-/// and nothing else. It learns from every pass. Used by one thread at a time.
+/// Predicts what filtering, judging and all rounds of a bake will cost, for the remaining time
+/// only. It learns from every pass. One thread uses it at a time.
 class RoundForecast {
  public:
   /// @param smooth the light will be filtered
   RoundForecast(const World&, const AdaptiveSampling&, const SamplePlan&, bool smooth);
 
-  /// After a pass that left the light incomplete: guesses by how the samples scatter, and by what
-  /// is usual of the light that is not known yet.
+  /// Learns from a pass that left the light incomplete. It guesses by how the samples scatter,
+  /// and by what is usual for the light that is not known yet.
   void guess(const lightmap::Lightmap&, Shows);
-  /// After a pass that left it complete.
+  /// Learns from a pass that left the light complete.
   void see(const RoundOutlook&);
 
-  /// Of all rounds, those done included, and of every judgement.
+  /// Returns the work of all rounds, those done included, and of every judgement.
   Work expected_work() const { return judge_work() + rounds_; }
-  /// Of one judgement.
+  /// Returns the work of one judgement.
   static Work judge_work() { return Work::other(work::kFilter); }
 
  private:

@@ -10,7 +10,7 @@
 namespace kiln::solver::adaptive {
 namespace {
 
-/// Doublings from `from` to `to` or beyond.
+/// Returns the doublings from `from` to `to` or beyond.
 std::uint32_t doublings(std::uint32_t from, std::uint32_t to) {
   std::uint32_t n = 0;
   for (std::uint64_t have = from; have < to; have *= 2) ++n;
@@ -21,7 +21,7 @@ double square(double x) {
   return x * x;
 }
 
-/// Variances of direct and of gathered light, summed over a tile.
+/// The variances of direct and of gathered light, summed over a tile.
 struct Variances {
   double direct = 0, gathered = 0;
 
@@ -61,7 +61,7 @@ std::uint32_t AdaptiveSampling::more_shadow_rays(std::uint32_t had) const {
 }
 
 std::uint32_t AdaptiveSampling::more_directions(std::uint32_t had) const {
-  // What is needed first is taken to its number, which need not be a power of two.
+  // The first directions are taken up to their number, which need not be a power of two.
   const std::uint32_t most =
       had < samples_.directions ? samples_.directions : samples_.most_directions;
   return std::min(had, most - std::min(had, most));
@@ -71,7 +71,7 @@ bool AdaptiveSampling::goes_by_rms() const {
   return samples_.measure == proto::ErrorMeasure::kRms && samples_.target_error > 0;
 }
 
-/// The tile's 95th percentile over the target; 0 without one.
+/// Returns the tile's 95th percentile over the target; 0 without a target.
 double AdaptiveSampling::over_target(const Judgement& judgement, atlas::TexelRange tile) const {
   if (!(samples_.target_error > 0)) return 0;
   std::vector<float> errors(judgement.error.begin() + tile.begin,
@@ -98,14 +98,14 @@ WantedDoublings AdaptiveSampling::choose_by_percentile(const Judgement& judgemen
   return chosen;
 }
 
-/// Shadow rays and directions of one tile after the other.
+/// The units are the shadow rays and the directions of one tile after the other.
 std::vector<WantedDoublings> AdaptiveSampling::by_mean_square(std::span<const TileNoise> tiles,
                                                               double mean, double texels) const {
   const double per_ray = cost(1, 0).sum(), per_direction = cost(0, 1).sum() / gather_share();
   std::vector<AllocationUnit> units;
   for (const TileNoise& n : tiles) {
     const double most_rays = can_add_shadow_rays_ ? samples_.most_shadow_rays : 0;
-    // Where none gathers, the noise is that of the texels around.
+    // When no texel of the tile gathers, the noise is that of the texels around.
     const double most_directions =
         can_add_directions_ && n.gathering > 0 ? samples_.most_directions : 0;
     units.push_back({n.direct, double(n.shadow_rays), most_rays, per_ray * n.texels});
@@ -138,7 +138,7 @@ std::vector<WantedDoublings> AdaptiveSampling::choose_by_mean_square(
   return by_mean_square(tiles, texels > 0 ? sum / texels : 0, texels);
 }
 
-/// What one round may do of it.
+/// Returns the part of it that one round may do.
 WantedDoublings AdaptiveSampling::limited(WantedDoublings wanted, atlas::TexelRange tile,
                                           const lightmap::Lightmap& light) const {
   constexpr auto kMost = std::uint32_t(tuned::kMostDoublings);

@@ -12,22 +12,23 @@
 
 namespace kiln::solver::adaptive {
 
-/// Texels that take samples together, and what theirs leave: variances summed over its texels.
+/// A tile of texels that take samples together, with the variances of its light summed over its
+/// texels.
 struct TileNoise {
   double direct = 0, gathered = 0;
-  double texels = 0, gathering = 0;  ///< how many there are, and how many of them take directions
+  double texels = 0, gathering = 0;  ///< number of texels, and of those that take directions
   std::uint32_t shadow_rays = 0, directions = 0;  ///< each has
 };
 
-/// Doublings of a tile until the target is reached; rounds may be made of less.
+/// The doublings of a tile until the target is reached; rounds may do only some of them.
 struct WantedDoublings {
   std::uint32_t shadow_rays = 0, directions = 0;
 };
 
-/// What choose() expects of rounds.
+/// The work that choose() expects of rounds.
 struct RoundOutlook {
-  Work next;  ///< of the batches of the round that follows
-  Work all;   ///< of all that follow
+  Work next;  ///< work of the batches of the next round
+  Work all;   ///< work of all rounds that follow
 };
 
 /// Chooses which texels take more samples, once the light has all its bounces. Immutable.
@@ -41,30 +42,34 @@ class AdaptiveSampling {
   /// @param samples those that the passes before the first round take, and the limits
   AdaptiveSampling(const World&, const SamplePlan& samples);
 
-  /// Most rounds there can be.
+  /// Returns the largest possible number of rounds.
   std::uint32_t limit() const { return limit_; }
-  /// Whether a round follows. @param rounds that have been made @param last report
+  /// Returns whether a round follows.
+  /// @param rounds number that have been made
+  /// @param last the last report
   bool wants_another(std::uint32_t rounds, const proto::PassReport& last) const;
 
   /// Chooses what the next round doubles, into light.doublings.
   RoundOutlook choose(const Judgement&, lightmap::Lightmap&) const;
 
-  /// How many samples follow on so many in one doubling: as many again, up to the limit.
+  /// Return how many samples the next doubling adds: as many again, up to the limit.
   std::uint32_t more_shadow_rays(std::uint32_t had) const;
   std::uint32_t more_directions(std::uint32_t had) const;
 
-  /// Expected effort of every texel. Most texels take no directions where they are gathered
-  /// coarsely.
+  /// Returns the expected effort of every texel. Most texels take no directions when they are
+  /// gathered coarsely.
   Work cost(double shadow_rays, double directions) const;
   Work cost(WantedDoublings, std::uint32_t shadow_rays, std::uint32_t directions) const;
-  /// Expected effort until an error that is `over` times the target has come down to it.
-  /// @param direct variance of direct light, @param gathered of the rest: what is large matters
+  /// Returns the expected effort until an error that is `over` times the target has come down to
+  /// it.
+  /// @param direct variance of direct light
+  /// @param gathered variance of the rest: what is large matters
   Work work_to_target(double over, double direct, double gathered, std::uint32_t shadow_rays,
                       std::uint32_t directions) const;
-  /// All that the target takes by the measure rms, for every tile.
+  /// Returns all doublings that the target takes by the measure rms, for every tile.
   std::vector<WantedDoublings> by_mean_square(std::span<const TileNoise>, double mean,
                                               double texels) const;
-  /// Expected share of texels that take directions.
+  /// Returns the expected share of texels that take directions.
   double gather_share() const { return samples_.coarse ? work::kGatheredShare : 1; }
 
  private:

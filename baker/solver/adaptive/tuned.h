@@ -13,15 +13,16 @@ inline constexpr float kDarkShare = 0.02f;
 // end over its scenes.
 /// Power of the number of samples with which the error falls, by which rounds are chosen.
 inline constexpr double kSlope = 0.65;
-/// What that comes to with all rounds together, by which the time that is left is told.
+/// The same power over all rounds together, for the estimate of the remaining time.
 inline constexpr double kExpectedSlope = 0.47;
 
 // Chosen on the scenes of scripts/bench so that few rounds follow and few samples are wasted.
 /// A part of the light takes more samples where it has this share of the variance or more.
 inline constexpr float kMinVarianceShare = 0.25f;
-/// Doublings of one round.
+/// The most doublings of one round.
 inline constexpr double kMostDoublings = 3;
-/// By the measure rms a round aims this far below the target, or another would follow for a trifle.
+/// A round by the measure rms aims this far below the target, so that no further round follows for
+/// a small rest.
 inline constexpr double kTargetMargin = 0.97;
 
 // Means over the scenes of scripts/bench, for the first forecast only.
@@ -29,9 +30,9 @@ inline constexpr double kTargetMargin = 0.97;
 inline constexpr double kLeftOfDirect = 0.25, kLeftOfManyLights = 0.1;
 /// Share of the variance of gathered light that the filter leaves.
 inline constexpr double kLeftOfGathered = 0.12;
-/// How far the error that counts in a tile is above its mean.
+/// The ratio of the error that counts in a tile to its mean.
 inline constexpr double kAboveMean = 1.4;
-/// All indirect light over the direct, and over the first bounce.
+/// The ratios of all indirect light to the direct, and to the first bounce.
 inline constexpr double kIndirect = 0.8, kAllBounces = 1.7;
 /// Error of a gather by 64 directions relative to what they bring, and the power with which it
 /// falls.

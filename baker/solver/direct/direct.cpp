@@ -62,15 +62,15 @@ class ShadowBatch {
   std::uint64_t traced_ = 0;
 };
 
-/// Cosine at the receiver; 0 below either horizon.
+/// Returns the cosine at the receiver; 0 below either horizon.
 float receiver_cosine(const Footprint& at, std::uint32_t point, math::Vec3 direction) {
   if (dot(at.geometric_normal[point], direction) <= 0) return 0;
   return std::max(0.f, dot(at.shading_normal[point], direction));
 }
 
-/// From every point of the footprint. No part of its spread: the points are the same whatever the
-/// number of samples, and two halves of them differ by far more than all of them from the
-/// footprint.
+/// Returns the light of punctual lights, from every point of the footprint. It has no part in the
+/// spread: the points are the same whatever the number of samples, and two halves of them differ by
+/// far more than all of them do from the footprint.
 math::Rgb punctual_light(const World& world, const Footprint& at, ShadowBatch& shadows) {
   constexpr float kShare = 1.f / Footprint::kPoints;
   for (const scene::PunctualLight& light : world.lights.punctual())
@@ -100,8 +100,8 @@ class ShareWalk {
   double below_ = 0;  // summed shares of the lights before light_
 };
 
-/// From which point of the footprint each of `count` samples is taken, and by which point of the
-/// texel's sequence, of which `first` were used before.
+/// Gives the point of the footprint from which each of `count` samples is taken, and the point of
+/// the texel's sequence by which it is taken, of which `first` were used before.
 class SampleOrder {
  public:
   SampleOrder(const World& world, std::uint32_t first, std::uint32_t count, std::uint32_t seed)
@@ -127,8 +127,8 @@ class SampleOrder {
   std::uint32_t first_, second_half_, seed_, point_flip_;
 };
 
-/// Light from the area lights by `count` samples, whose lights `walk` picks systematically.
-/// Unbiased. `first` samples were drawn before.
+/// Returns the light of the area lights by `count` samples, whose lights `walk` picks
+/// systematically. Unbiased. `first` samples were drawn before.
 template <class Walk>
 sampling::Estimate sampled_light(const World& world, const Footprint& at, Walk walk,
                                  std::uint32_t first, std::uint32_t count, std::uint32_t seed,
@@ -161,8 +161,8 @@ struct Receiver {
   Footprint at;
 };
 
-/// Light from the bright parts of the sky by `count` samples: what the hemisphere's rays leave of
-/// it (see SkyShares). `first` samples were drawn before.
+/// Returns the light of the bright parts of the sky by `count` samples; the hemisphere's rays find
+/// the rest of it (see SkyShares). `first` samples were drawn before.
 sampling::Estimate bright_sky(const World& world, const Footprint& at, std::uint32_t first,
                               std::uint32_t count, std::uint32_t seed, ShadowBatch& shadows) {
   const light::SkyShares shares = sky_shares(world.plan);
@@ -179,7 +179,7 @@ sampling::Estimate bright_sky(const World& world, const Footprint& at, std::uint
   return shadows.take_estimate();
 }
 
-/// Many lights: the texels of a tile choose among them alike.
+/// When there are many lights, the texels of a tile choose among them alike.
 class ManyLights {
  public:
   explicit ManyLights(const World& world)
@@ -211,7 +211,7 @@ class ManyLights {
                     dot(texels.shading_normal[t], texels.shading_normal[t - 1]) < 0.9f);
       if (i % step == 0 || new_surface) pilots_.push_back(i);
     }
-    // Farther is what is on another surface.
+    // A texel of another surface counts as farther away.
     const auto distance = [&](std::size_t i, std::size_t k) {
       const std::uint32_t t = tile[i].texel, u = tile[k].texel;
       const math::Vec3 d = texels.position[t] - texels.position[u];
@@ -230,7 +230,7 @@ class ManyLights {
     choice_.finish();
   }
 
-  /// At one point towards lights that are far away, else at four of the pilot's footprint, for its
+  /// Lights far away are weighed at one point, nearer ones at four of the pilot's footprint, whose
   /// middle tells little then.
   void look_from(std::span<const Receiver> tile, std::size_t pilot) {
     const Footprint& at = tile[pilot].at;
@@ -258,8 +258,8 @@ class ManyLights {
   std::array<std::vector<std::size_t>, kLightTileTexels> around_;  ///< what each pilot stands for
 };
 
-/// Few lights: those that earn whole packets of the samples are lamps with a closed form each; the
-/// others share what is left.
+/// When there are few lights, those that earn whole packets of the samples are lamps with a closed
+/// form each; the others share what is left.
 class FewLights {
  public:
   explicit FewLights(const World& world) : world_(world), polygon_(world) {
@@ -283,12 +283,12 @@ class FewLights {
   std::uint64_t traced() const { return traced_; }
 
  private:
-  /// Packets of samples that a light must earn to be a lamp.
+  /// A light must earn this many packets of samples to be a lamp.
   static constexpr float kLampPackets = 0.75f;
-  /// So many of its packets are sent at first.
+  /// This many of its packets are sent at first.
   static constexpr std::uint32_t kProbeShare = 4;
 
-  /// The share of every light in what the receiver would get if nothing stood between.
+  /// Returns the share of every light in what the receiver would get if nothing stood between.
   void weigh(const Receiver& to, std::size_t i) {
     const auto& lights = world_.lights.area();
     float total = 0;
@@ -299,10 +299,10 @@ class FewLights {
     for (float& share : share_[i]) share = total > 0 ? share / total : 0;
   }
 
-  /// Where the first rays from all texels of the tile agree, all of them lit or all in the dark, no
-  /// more are sent: a half-shadow that small holds little light, and there are more rays to find it
-  /// the more are asked for. A lamp's packets are a run of its own sequence: those between its
-  /// shares of the samples before and after, so that rounds neither repeat nor leave out any.
+  /// When the first rays from all texels of the tile agree, all of them lit or all in the dark, no
+  /// more are sent: a half-shadow that small holds little light, and the more rays are asked for,
+  /// the more there are to find it. A lamp's packets are a run of its own sequence: those between
+  /// its shares of the samples before and after. So rounds neither repeat nor leave out any.
   void light_by(std::uint32_t l, std::span<const Receiver> tile, std::uint32_t first,
                 std::uint32_t count, std::span<sampling::Estimate> arrived) {
     const light::AreaLight& light = world_.lights.area()[l];
@@ -334,7 +334,7 @@ class FewLights {
     }
   }
 
-  /// By the lights that were no lamps to the receiver.
+  /// Adds the light of those that were no lamps to the receiver.
   void light_by_rest(const Receiver& to, std::span<float> share, std::uint32_t first,
                      std::uint32_t count, ShadowBatch& shadows, sampling::Estimate& arrived) {
     const float rest = std::accumulate(share.begin(), share.end(), 0.f);

@@ -10,17 +10,18 @@
 
 namespace kiln::solver::direct {
 
-/// Direct light by explicit sampling. Area lights share the shadow rays of a texel by their
-/// unoccluded contributions. Where lights are few, those that earn a ray from each point are lamps
-/// (see PolygonLight); the others, and all where they are many, are drawn systematically from the
-/// distribution of the texel, or of each run of 16 texels. Every punctual light gets a ray from
-/// each point of the footprint. Bright parts of a sky map are drawn from it. Immutable; callable
-/// from many threads.
+/// Samples direct light explicitly. Area lights share the shadow rays of a texel by their
+/// unoccluded contributions. When lights are few, those that earn a ray from each point are lamps
+/// (see PolygonLight). The others, and all when they are many, are drawn systematically from the
+/// distribution of the texel, or of each run of 16 texels.
+///
+/// Every punctual light gets a ray from each point of the footprint. Bright parts of a sky map are
+/// drawn from it. Immutable; callable from many threads.
 class DirectLight {
  public:
   explicit DirectLight(const World& world) : world_(world) {}
 
-  /// Up to this many lights each texel weighs them for itself.
+  /// With up to this many lights each texel weighs them for itself.
   static constexpr std::size_t kFewLights = 16;
   static bool are_many(const light::LightSet& lights) { return lights.area().size() > kFewLights; }
 

@@ -12,9 +12,9 @@ namespace kiln::solver::direct {
 namespace {
 
 constexpr std::uint32_t kPoints = Footprint::kPoints;
-/// As LightSet::is_near: nearer lamps are sampled as the light set does, others uniformly in area,
-/// sixteen points at once. What that costs in noise is little (4 % in the half-shadows of
-/// a room), since the rays only tell a share.
+/// The ratio for LightSet::is_near(). Nearer lamps are sampled as the light set does, others
+/// uniformly in area, sixteen points at once. That adds little noise (4 % in the half-shadows of a
+/// room), since the rays only estimate a share.
 constexpr float kNearLamp = 4;
 
 }  // namespace
@@ -85,11 +85,13 @@ std::uint64_t PolygonLight::Shadow::send_until(std::uint32_t end) {
   return traced;
 }
 
-/// Each point takes a run of the sequence, a net by itself where it is a power of two long; all
-/// runs together are the net of the whole texel. A packet takes another place in each run, so that
-/// the rays of every packet spread over the lamp. The second half has half of every run: the last
-/// half of the one, the first of another, by two bits of the run's number, so that both spread over
-/// footprint and lamp. Of a single packet, the halves are those of the sequence.
+/// Each point takes a run of the sequence, which is a net by itself when it is a power of two long;
+/// all runs together are the net of the whole texel. A packet takes another place in each run, so
+/// that the rays of every packet spread over the lamp.
+///
+/// The second half has half of every run: the last half of one run, the first of another, by two
+/// bits of the run's number, so that both spread over footprint and lamp. The halves of a single
+/// packet are those of the sequence.
 void PolygonLight::Shadow::take_samples() {
   second_ = 0;
   for (std::uint32_t i = 0; i < kPoints; ++i) {

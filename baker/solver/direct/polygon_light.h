@@ -10,10 +10,10 @@
 
 namespace kiln::solver::direct {
 
-/// A texel's light from one uniform lamp: Lambert's polygon formula at each point of the footprint
-/// times the visible share that shadow rays find, the rays weighted by what they would bring. Where
-/// nothing or everything stands between, the result is exact; in the half-shadow the ratio has a
-/// bias of the order of 1/rays, without the noise of the unoccluded light.
+/// Estimates a texel's light from one uniform lamp: Lambert's polygon formula at each point of the
+/// footprint times the visible share that shadow rays find, the rays weighted by what they would
+/// bring. When nothing or everything stands between, the result is exact. In the half-shadow the
+/// ratio has a bias of the order of 1/rays, without the noise of the unoccluded light.
 class PolygonLight {
  public:
   explicit PolygonLight(const World& world)
@@ -24,16 +24,16 @@ class PolygonLight {
   /// A lamp as the points of one texel see it.
   struct View {
     float irradiance[Footprint::kPoints];  ///< at unit radiance; 0 where the lamp is turned away
-    float mean = 0;                        ///< over the points
+    float mean = 0;                        ///< mean over the points
     bool exact = true;  ///< false: the closed form has lost its digits, good for importance only
   };
-  /// From the first `points` of the footprint; the others' irradiance is left out of the mean, and
-  /// not set. Four are a good guess at the mean for a quarter of the time where the lamp crosses
-  /// the horizon.
+  /// Views the lamp from the first `points` of the footprint. The others' irradiance is left out of
+  /// the mean, and not set. Four give a good estimate of the mean for a quarter of the time when
+  /// the lamp crosses the horizon.
   View view(const light::AreaLight&, const Footprint&, const simd::PointFrames&,
             std::uint32_t points = Footprint::kPoints) const;
 
-  /// Irradiance per unit radiance, with half the difference between two halves of the rays.
+  /// The irradiance per unit radiance, with half the difference between two halves of the rays.
   struct Arrived {
     float irradiance = 0, spread = 0;
   };
@@ -45,7 +45,7 @@ class PolygonLight {
   const bool low_discrepancy_;
 };
 
-/// The shadow rays of one texel to one lamp. Outlived by what it is made of.
+/// Sends the shadow rays of one texel to one lamp. What it is made of lives longer.
 class PolygonLight::Shadow {
  public:
   /// @param first packets that were sent before, of the same sequence
@@ -56,10 +56,10 @@ class PolygonLight::Shadow {
   std::uint32_t packets() const { return packets_; }
   /// Sends the packets up to the `end`th. @return rays traced
   std::uint64_t send_until(std::uint32_t end);
-  /// Whether any ray has arrived, or met something.
+  /// Return whether any ray has arrived, or met something.
   bool lit() const { return lit_; }
   bool blocked() const { return blocked_; }
-  /// By the packets sent.
+  /// Returns the light by the packets sent so far.
   Arrived arrived() const;
 
  private:
@@ -78,7 +78,7 @@ class PolygonLight::Shadow {
   const simd::PointFrames& frames_;
   std::uint32_t first_, packets_, seed_, flip_, next_ = 0;
   bool near_, lit_ = false, blocked_ = false;
-  std::uint32_t x_[Footprint::kPoints], y_[Footprint::kPoints];  ///< of packet next_
+  std::uint32_t x_[Footprint::kPoints], y_[Footprint::kPoints];  ///< points of packet next_
   std::uint32_t second_ = 0;  ///< bits of its points whose ray belongs to the second half
   Sums half_[2];
 };

@@ -11,7 +11,7 @@ constexpr std::uint32_t kPacket = 16;
 /// leaves a third of the look-ups.
 constexpr double kSmallShare = 0.125;
 
-/// Mean change of the light by a pass, lx.
+/// Returns the mean change of the light by a pass, lx.
 double update(const proto::PassReport& pass) {
   return pass.residual * pass.mean_lx;
 }
@@ -29,7 +29,7 @@ BouncePlan::Bounce BouncePlan::next(std::span<const proto::PassReport> done) con
   const auto bounces = std::uint32_t(done.size()) - first_;
   Bounce bounce;
   bounce.last = bounces + 1 == limit_;
-  double share = 1;  // of what is reflected, in what the first bounce reflects
+  double share = 1;  // share of what is reflected, in what the first bounce reflects
   if (bounces > 0) {
     const double ratio = bounces > 1 ? update(done.back()) / update(done[done.size() - 2]) : 0;
     if (!bounce.last) end_if_converged(done.back().residual, ratio, limit_ - bounces, bounce);

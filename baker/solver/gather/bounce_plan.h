@@ -9,8 +9,8 @@
 
 namespace kiln::solver::gather {
 
-/// How many bounces there are, and how many of the remembered hits each of them reads. Every bounce
-/// carries on what the one before has changed; those changes form a geometric series.
+/// Decides how many bounces there are, and how many of the remembered hits each of them reads.
+/// Every bounce carries on what the one before has changed; those changes form a geometric series.
 class BouncePlan {
  public:
   /// @param set the directions whose hits are remembered; outlives the plan
@@ -20,7 +20,7 @@ class BouncePlan {
       : limit_(settings.bounces), tolerance_(settings.tolerance), set_(set), first_(first) {}
 
   struct Bounce {
-    bool last = false;               ///< by the limit, or because the light has converged
+    bool last = false;               ///< the limit is reached, or the light has converged
     bool stands_for_others = false;  ///< it is scaled by 1 + tail_scale, for those left out
     double tail_scale = 0;
     std::uint32_t directions = 0;  ///< the leading ones of the set, see DirectionSet::leading
@@ -29,12 +29,12 @@ class BouncePlan {
   Bounce next(std::span<const proto::PassReport> done) const;
 
   std::uint32_t limit() const { return limit_; }
-  /// Whether the limit is reached.
+  /// Returns whether the limit is reached.
   bool is_complete(std::span<const proto::PassReport> done) const {
     return done.size() - first_ == limit_;
   }
-  /// How many directions a bounce reads that brings such a share of the light: where less is at
-  /// stake, fewer will do.
+  /// Returns how many directions a bounce reads that brings such a share of the light. The smaller
+  /// the share, the fewer directions are needed.
   std::uint32_t directions_for(double share) const;
 
  private:

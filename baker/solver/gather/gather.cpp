@@ -10,10 +10,10 @@
 namespace kiln::solver::gather {
 namespace {
 
-/// Fewest directions that feed the bounces.
+/// The least number of directions that feed the bounces.
 constexpr std::uint32_t kMinFeedbackDirections = 16;
 
-/// How many directions feed the bounces, so that their hits fit into the memory for them.
+/// Returns how many directions feed the bounces, so that their hits fit into their memory.
 std::uint32_t feedback_directions(const World& world, std::uint64_t budget_bytes) {
   const std::uint32_t wanted = world.plan.directions;
   const std::uint64_t affordable =

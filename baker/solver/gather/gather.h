@@ -6,20 +6,21 @@
 
 namespace kiln::solver::gather {
 
-/// Final gathering with lightmap feedback. Direct light is sampled explicitly; indirect light is
-/// the mean radiosity that cosine-distributed directions meet, read from the previous bounce's
-/// lightmap [RTRad 5.4, with E = π · mean L for cosine-distributed directions; Moreno-Fortuny ch.
-/// 3].
+/// Makes the solver of the method `gather`: final gathering with lightmap feedback. Direct light is
+/// sampled explicitly. Indirect light is the mean radiosity that cosine-distributed directions
+/// meet, read from the previous bounce's lightmap [RTRad 5.4, with E = π · mean L for
+/// cosine-distributed directions; Moreno-Fortuny ch. 3].
 ///
-/// Passes, each in a file of its own:
-/// 1. `direct`: shadow rays towards lights (solver/direct).
+/// Each pass is in a file of its own:
+/// 1. `direct`: shadow rays are sent towards lights (solver/direct).
 /// 2. `trace`: the directions are followed once, and what each one met is kept (trace_pass.cpp).
-/// 3. `refine`: where light is gathered coarsely, texels whose sites disagree (refine_pass.cpp).
-/// 4. `bounce`, once per diffuse reflection, look-ups alone; the last of them, `tail`, stands for
-/// all
-///    that would follow (bounce_pass.cpp).
-/// 5. `round`, while the error is above its target, or more samples are asked for than there was
-///    memory for hits: these trace afresh and read what the last bounce read (round_pass.cpp).
+/// 3. `refine`: when light is gathered coarsely, texels whose sites disagree are traced
+///    (refine_pass.cpp).
+/// 4. `bounce`: one pass per diffuse reflection only looks up hits; the last of them, `tail`,
+///    stands for all that would follow (bounce_pass.cpp).
+/// 5. `round`: these follow while the error is above its target, or more samples are asked for than
+///    there was memory for hits. They trace afresh and read what the last bounce read
+///    (round_pass.cpp).
 /// @param hit_budget_bytes memory for the hits that are kept
 std::unique_ptr<Solver> make_gather_solver(const World&, std::uint64_t hit_budget_bytes);
 

@@ -13,7 +13,7 @@ namespace kiln::solver::gather {
 namespace {
 
 constexpr std::uint32_t kPoints = Footprint::kPoints;
-/// Rays that a point needs before it can be called hidden.
+/// A point needs this many rays before it can be called hidden.
 constexpr std::uint32_t kProbeRays = 4;
 
 void set_plane(const float (&from)[3][16], float (&x)[16], float (&y)[16], float (&z)[16]) {
@@ -33,8 +33,8 @@ struct TexelSamples {
     const std::uint32_t key = sampling::hash(seed_x, packet);
     turn_ = (key >> 4) % 16, jitter_ = sampling::to_unit(sampling::hash(key, 1));
   }
-  /// For the choice of a tap at the hit of point `p`: stratified over the packet, whose rays meet
-  /// neighbouring texels where it is coherent.
+  /// Returns the random number for the choice of a tap at the hit of point `p`. It is stratified
+  /// over the packet, whose rays meet neighboring texels when it is coherent.
   float pick(std::uint32_t p) const { return (float(p ^ turn_) + jitter_) * (1.f / 16); }
 
  private:
@@ -44,7 +44,7 @@ struct TexelSamples {
 
 }  // namespace
 
-/// What the rays from each point of a footprint met.
+/// Counts what the rays from each point of a footprint met.
 struct Hemisphere::BackfaceTally {
   std::uint32_t rays[kPoints] = {}, behind[kPoints] = {};
 
@@ -74,7 +74,7 @@ class Hemisphere::Tracer {
     std::fill_n(rays_.t_far, 16, std::numeric_limits<float>::infinity());
   }
 
-  /// One texel; lane = point of its footprint.
+  /// Follows one texel; lane = point of its footprint.
   BackfaceTally trace_texel(Gathering& of) {
     const simd::PointFrames frames = Footprint(world_, of.texel).frames();
     TexelSamples own(texel_seed(world_, of.texel, SampleStream::kGather));
@@ -98,8 +98,8 @@ class Hemisphere::Tracer {
     return tally;
   }
 
-  /// Up to sixteen texels with one direction each, or four with four: lane = texel * strata +
-  /// stratum.
+  /// Follows up to sixteen texels with one direction each, or four with four: lane = texel * strata
+  /// + stratum.
   void trace_together(std::span<Gathering> group, std::span<BackfaceTally> tally) {
     const std::uint32_t texels = plan_.texels(), strata = 16 / texels;
     const auto last = std::uint32_t(group.size() - 1);
@@ -172,7 +172,7 @@ class Hemisphere::Tracer {
     kernels_.look_up(grid_, met_.triangle, met_.u, met_.v, met_.back, pick_, found_);
   }
 
-  /// What lane i brought.
+  /// Records what lane i brought.
   void take(std::uint32_t i, std::uint32_t point, std::uint32_t sample, Gathering& of,
             BackfaceTally& tally) {
     std::uint32_t& hit = of.hits[sample];
@@ -189,7 +189,7 @@ class Hemisphere::Tracer {
     tally.behind[point] += hit == simd::kHitNothing && met_.back[i];
   }
 
-  /// What lane i sees of a sky map.
+  /// Returns what lane i sees of a sky map.
   math::Rgb sky_in(std::uint32_t i) const {
     const auto lane = [i](const float(&v)[3][16]) { return math::Vec3{v[0][i], v[1][i], v[2][i]}; };
     const math::Vec3 d = lane(to_.direction);
@@ -207,7 +207,7 @@ class Hemisphere::Tracer {
   const simd::TexelGrid grid_;
   const std::uint32_t tile_seed_;
   simd::ScrambledPoints points_;
-  const simd::PointFrames* from_ = nullptr;  ///< of the rays that were traced last
+  const simd::PointFrames* from_ = nullptr;  ///< frames of the rays that were traced last
   simd::PointFrames of_texel_{};
   std::array<simd::PointFrames, 16> frames_;
   trace::RayPacket rays_;

@@ -11,8 +11,8 @@
 
 namespace kiln::solver::gather {
 
-/// Rays over the hemispheres of texels' footprints, to the texels that hold the light of what they
-/// meet. Immutable; callable from many threads.
+/// Follows rays over the hemispheres of texels' footprints, to the texels that hold the light of
+/// what they meet. Immutable; callable from many threads.
 class Hemisphere {
  public:
   Hemisphere(const World&, const PacketLayout&);
@@ -26,14 +26,14 @@ class Hemisphere {
     /// the two halves of the directions. Black where the sky is uniform.
     std::array<math::Rgb, 2> sky{};
   };
-  /// Texels whose directions are followed together lie in one run of so many.
+  /// This many texels form a run whose directions are followed together.
   static constexpr std::uint32_t kTileTexels = kSampleTileTexels;
 
   /// Follows the directions of some texels of one tile, dealt over the points of their footprints.
   /// The result of a texel does not depend on the others.
   void follow(std::span<Gathering>, const sampling::DirectionSet&) const;
-  /// The same, and tells the share of each footprint that is not hidden: all rays from a hidden
-  /// point meet the backs of surfaces. Sends more rays where few of them met backs.
+  /// Does the same, and finds the share of each footprint that is not hidden: all rays from a
+  /// hidden point meet the backs of surfaces. Sends more rays when few of them met backs.
   void follow_and_probe(std::span<Gathering>, const sampling::DirectionSet&) const;
 
  private:

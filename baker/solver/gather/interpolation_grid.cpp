@@ -6,9 +6,9 @@
 namespace kiln::solver::gather {
 namespace {
 
-/// Largest difference of the sites' light over its sum.
+/// The largest difference of the sites' light over its sum.
 constexpr float kAgreement = 0.06f;
-/// Least cosine between the normals of a texel and of its sites.
+/// The least cosine between the normals of a texel and of its sites.
 constexpr float kSameTurn = 0.95f;
 
 }  // namespace
@@ -18,9 +18,10 @@ InterpolationGrid::Sites InterpolationGrid::around(std::uint32_t texel) const {
   Sites sites;
   if (!dx && !dy) return sites;
   for (int k = 0; k < 4; ++k) {
-    // Left and right in odd columns, above and below in odd rows, the corners in both.
+    // The sites are left and right in odd columns, above and below in odd rows, the corners in
+    // both.
     if ((!dx && (k & 1)) || (!dy && (k & 2))) continue;
-    const std::int32_t site = texels_.neighbour(texel, k & 1 ? dx : -dx, k & 2 ? dy : -dy);
+    const std::int32_t site = texels_.neighbor(texel, k & 1 ? dx : -dx, k & 2 ? dy : -dy);
     if (site == atlas::kNoTexel) return {};
     if (dot(texels_.shading_normal[site], texels_.shading_normal[texel]) < kSameTurn) return {};
     sites.texel[sites.count++] = std::uint32_t(site);

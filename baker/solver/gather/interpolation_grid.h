@@ -22,16 +22,18 @@ class InterpolationGrid {
     std::uint32_t count = 0;
     std::span<const std::uint32_t> all() const { return {texel.data(), count}; }
   };
-  /// The sites around a texel between which it may be interpolated: two or four, all of its own
-  /// chart and turned much as it is. None for a site itself, and where one of them is missing.
+  /// Returns the sites around a texel between which it may be interpolated: two or four, all of its
+  /// own chart and with much the same normal. There are none for a site itself, or when one of them
+  /// is missing.
   Sites around(std::uint32_t texel) const;
 
-  /// Whether the sky and indirect light of the sites differs so little that their mean will do:
-  /// within 6 % of what there is, direct light included, none of them hidden even in part.
+  /// Returns whether the sky and indirect light of the sites differs so little that their mean is
+  /// good enough: it is within 6 % of what there is, direct light included, and no site is hidden
+  /// even in part.
   bool agree(const Sites&, const lightmap::Lightmap&) const;
 
-  /// Fills the texels that do not gather with the means of their sites: indirect light, and sky
-  /// light with `sky_too`, which says the number of samples as well: `samples` at least. False when
+  /// Fills the texels that do not gather with the means of their sites: indirect light, and with
+  /// `sky_too` sky light and the number of samples, which is `samples` at least. Returns false when
   /// stopped.
   bool interpolate(lightmap::Lightmap&, bool sky_too, std::uint32_t samples,
                    const exec::Workers&) const;

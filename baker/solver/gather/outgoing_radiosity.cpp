@@ -3,7 +3,7 @@
 namespace kiln::solver::gather {
 namespace {
 
-/// Texels with less of their footprint in view than this borrow their neighbours' radiosity.
+/// Texels with less of their footprint in view than this borrow their neighbors' radiosity.
 constexpr float kHiddenShare = 0.1f;
 
 }  // namespace
@@ -15,9 +15,9 @@ void OutgoingRadiosity::find_hidden(const lightmap::Lightmap& light) {
     Repair repair;
     repair.texel = t;
     for (int k = 0; k < 9; ++k) {
-      const std::int32_t n = world_.texels.neighbour(t, k % 3 - 1, k / 3 - 1);
+      const std::int32_t n = world_.texels.neighbor(t, k % 3 - 1, k / 3 - 1);
       if (n != atlas::kNoTexel && light.validity[n] >= kHiddenShare)
-        repair.neighbour[repair.count++] = std::uint32_t(n);
+        repair.neighbor[repair.count++] = std::uint32_t(n);
     }
     if (repair.count > 0) repairs_.push_back(repair);
   }
@@ -39,7 +39,7 @@ bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Worker
   if (!whole) return false;
   for (const Repair& repair : repairs_) {
     math::Rgb sum;
-    for (std::uint32_t i = 0; i < repair.count; ++i) sum += radiosity(repair.neighbour[i]);
+    for (std::uint32_t i = 0; i < repair.count; ++i) sum += radiosity(repair.neighbor[i]);
     const math::Rgb b = sum * (1 / float(repair.count));
     radiosity_[repair.texel] = {b.r, b.g, b.b, 0};
   }

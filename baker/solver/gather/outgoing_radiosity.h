@@ -21,10 +21,10 @@ class OutgoingRadiosity {
   /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
   void find_hidden(const lightmap::Lightmap&);
 
-  /// Takes from the light by how much B has grown since Lightmap::radiosity. [RTRad 5.4] False when
-  /// stopped.
+  /// Takes from the light by how much B has grown since Lightmap::radiosity [RTRad 5.4]. Returns
+  /// false when stopped.
   bool read(const lightmap::Lightmap&, const exec::Workers&);
-  /// Scales all values: the last update stands for those after it, too.
+  /// Scales all values, since the last update stands for those after it, too.
   void scale(float);
   /// Takes the values of a plane.
   void restore(const lightmap::Plane<math::Rgb>& radiosity);
@@ -33,12 +33,12 @@ class OutgoingRadiosity {
     const Radiosity& b = radiosity_[texel];
     return {b.r, b.g, b.b};
   }
-  /// Mean of the radiosity at the hits, lx; sky and nothing count as dark.
+  /// Returns the mean of the radiosity at the hits, lx; sky and nothing count as dark.
   sampling::Estimate look_up(const sampling::DirectionSet&,
                              std::span<const std::uint32_t> hits) const;
 
  private:
-  /// As the look-ups read it: one aligned load.
+  /// The radiosity as the look-ups read it: one aligned load.
   struct alignas(16) Radiosity {
     float r = 0, g = 0, b = 0, pad = 0;
   };
@@ -47,7 +47,7 @@ class OutgoingRadiosity {
   struct Repair {
     std::uint32_t texel = 0;
     std::uint32_t count = 0;
-    std::array<std::uint32_t, 8> neighbour{};
+    std::array<std::uint32_t, 8> neighbor{};
   };
 
   const World& world_;

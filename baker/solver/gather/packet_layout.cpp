@@ -9,8 +9,8 @@
 namespace kiln::solver::gather {
 namespace {
 
-/// Triangles for a texel up to which rays that leave neighbouring texels alike meet the same ones,
-/// and up to which those of a narrow cone do. Measured, see docs/performance.md.
+/// The numbers of triangles for a texel up to which rays that leave neighboring texels alike meet
+/// the same ones, and up to which those of a narrow cone do. Measured, see docs/performance.md.
 constexpr double kTileTriangles = 0.5, kConeTriangles = 1;
 
 proto::RayPattern choose(const World& world, std::uint32_t directions) {

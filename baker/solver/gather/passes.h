@@ -14,26 +14,26 @@
 
 namespace kiln::solver::gather {
 
-/// What all passes of one gather share. Immutable; outlives the passes.
+/// The parts that all passes of one gather share. Immutable; outlives the passes.
 struct GatherParts {
   GatherParts(const World&, std::uint32_t feedback_directions);
 
-  /// Directions of the sequence, in the order in which they are traced.
+  /// Returns directions of the sequence, in the order in which they are traced.
   sampling::DirectionSet directions(std::uint32_t first, std::uint32_t count) const;
-  /// The sky's light on a texel: E = π · mean L over cosine-distributed directions.
+  /// Returns the sky's light on a texel: E = π · mean L over cosine-distributed directions.
   sampling::Estimate sky_light(const sampling::DirectionSet&, const Hemisphere::Gathering&) const;
 
   const World& world;
   const InterpolationGrid grid;
   const PacketLayout packets;
   const Hemisphere hemisphere;
-  const sampling::DirectionSet set;  ///< of the rays whose hits are kept
+  const sampling::DirectionSet set;  ///< the rays whose hits are kept
   const adaptive::AdaptiveSampling sampling;
   const GatherSchedule schedule;
 };
 
-// The passes that a gather makes beside the direct one, in their order. Each sets of the plan what
-// it reads, writes and finishes.
+// These make the passes of a gather beside the direct one, in their order. Each sets in the plan
+// what it reads, writes and finishes.
 std::unique_ptr<Pass> make_trace_pass(const GatherParts&, PassPlan);
 std::unique_ptr<Pass> make_refine_pass(const GatherParts&, PassPlan);
 std::unique_ptr<Pass> make_bounce_pass(const GatherParts&, PassPlan, const BouncePlan::Bounce&);
@@ -69,7 +69,7 @@ std::uint64_t trace_some(const GatherParts& parts, atlas::TexelRange tile,
   return std::uint64_t(count) * parts.set.size();
 }
 
-/// What trace_some() writes.
+/// Returns the planes that trace_some() writes.
 inline lightmap::PlaneSet traced_planes() {
   using enum lightmap::PlaneId;
   return lightmap::plane_set({kValidity, kSky, kSkySpread, kSamples, kGathers, kHits});

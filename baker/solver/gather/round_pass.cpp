@@ -143,8 +143,9 @@ class RoundPass final : public Pass {
   const GatherParts& parts_;
   const direct::DirectLight direct_;
   OutgoingRadiosity radiosity_;
-  std::map<std::uint32_t, sampling::DirectionSet> more_;  ///< by the samples before them
-  std::vector<double> work_before_;                       ///< of all tiles before each, and of all
+  std::map<std::uint32_t, sampling::DirectionSet>
+      more_;                         ///< key: the number of samples before them
+  std::vector<double> work_before_;  ///< work of all tiles before each, and of all
 };
 
 }  // namespace

@@ -8,7 +8,7 @@
 namespace kiln::solver::gather {
 namespace {
 
-/// Bounces after which most scenes have converged; for the estimate of progress only.
+/// Most scenes have converged after this many bounces; for the estimate of progress only.
 constexpr std::uint32_t kTypicalBounces = 10;
 /// Every fourth texel is traced first, and charts are edged by texels without four around them.
 constexpr double kTracedShare = 0.35;
@@ -55,7 +55,7 @@ std::optional<Next> GatherSchedule::next(std::span<const proto::PassReport> done
   return Next{Step::kRound, {}, true};
 }
 
-/// How many passes it took until the light had all its bounces; nothing while it has not.
+/// Returns how many passes it took until the light had all its bounces; nothing while it has not.
 std::optional<std::uint32_t> GatherSchedule::completed_after(
     std::span<const proto::PassReport> done) const {
   if (!needs_rays_) return 1;

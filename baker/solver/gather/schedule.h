@@ -14,30 +14,30 @@ namespace kiln::solver::gather {
 /// The kinds of pass that a gather makes.
 enum class Step { kDirect, kTrace, kRefine, kBounce, kRound };
 
-/// Which pass follows.
+/// The pass that follows.
 struct Next {
   Step step = Step::kDirect;
-  BouncePlan::Bounce bounce;  ///< of a bounce
+  BouncePlan::Bounce bounce;  ///< set for a bounce only
   bool completes = false;
 };
 
-/// Which passes a gather makes, in which order, and what they are expected to cost: `direct`;
-/// `trace`, and `refine` where light is gathered coarsely; a `bounce` for each reflection, the last
-/// of which may be the `tail` that stands for those left out; then rounds of more samples.
+/// Decides which passes a gather makes, in which order, and what they are expected to cost:
+/// `direct`; `trace`, and `refine` when light is gathered coarsely; a `bounce` for each reflection,
+/// the last of which may be the `tail` that stands for those left out; then rounds of more samples.
 class GatherSchedule {
  public:
   /// @param set the directions whose hits are kept. All three outlive the schedule.
   GatherSchedule(const World&, const sampling::DirectionSet& set,
                  const adaptive::AdaptiveSampling&);
 
-  /// Whether there is anything to gather.
+  /// Returns whether there is anything to gather.
   bool needs_rays() const { return needs_rays_; }
   bool is_coarse() const { return world_.plan.coarse; }
-  /// Passes before the first bounce.
+  /// Returns the number of passes before the first bounce.
   std::uint32_t first_bounce() const { return is_coarse() ? 3 : 2; }
 
   std::uint32_t max_passes() const;
-  /// Of all passes but rounds.
+  /// Returns the work of all passes but rounds.
   Work total_work() const;
   std::optional<Next> next(std::span<const proto::PassReport> done) const;
 

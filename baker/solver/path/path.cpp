@@ -25,7 +25,7 @@ struct Vertex {
   math::Rgb throughput{1, 1, 1};  ///< product of the albedos so far
   std::uint32_t sample = 0;
 
-  /// Of each sixteen samples, the last eight make the second half.
+  /// The last eight of each sixteen samples make the second half.
   bool in_second_half() const { return (sample & 8) != 0; }
 };
 
@@ -36,7 +36,7 @@ struct Sums {
   sampling::HalfSums direct, sky, indirect;
 };
 
-/// Sixteen paths of one texel, followed in step.
+/// Follows sixteen paths of one texel in step.
 class PathBundle {
  public:
   PathBundle(const World& world, std::uint32_t texel)
@@ -141,7 +141,7 @@ class PathBundle {
     trace_shadows(sum);
   }
 
-  /// What a ray that left the vertex meets of the sky.
+  /// Returns what a ray that left the vertex meets of the sky.
   math::Rgb sky_seen(const Vertex& v, math::Vec3 direction) const {
     if (!world_.lights.sky()) return world_.scene.sky;
     const light::SkyLight::Seen seen = world_.lights.sky()->seen(direction);
@@ -182,7 +182,7 @@ class PathBundle {
     paths.resize(going);
   }
 
-  /// Moves the vertex to what its ray met. False when the light ends there.
+  /// Moves the vertex to what its ray met. Returns false when the light ends there.
   bool reflect(Vertex& v, const trace::HitPacket& met, std::uint32_t i) {
     const std::uint32_t triangle = met.triangle[i];
     if (met.back[i] && !world_.scene.material_of(triangle).double_sided) return false;
@@ -279,7 +279,7 @@ class PathSolver final : public Solver {
   std::uint32_t passes() const {
     return (world_.plan.directions + kBlockSamples - 1) / kBlockSamples;
   }
-  /// In shadow rays: a path has a few segments, each with as many of them.
+  /// Returns the work in shadow rays: a path has a few segments, each with as many of them.
   Work work_of(std::uint32_t paths) const {
     return Work::directions(paths * 2 * std::min(4.0, 1 + double(world_.settings.bounces)));
   }

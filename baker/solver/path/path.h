@@ -6,12 +6,13 @@
 
 namespace kiln::solver::path {
 
-/// Unbiased path tracing of the same texels with next-event estimation: the reference that every
-/// other method is measured against [Moreno-Fortuny 5.1]. A path starts at a point of the texel's
-/// footprint; each vertex samples one area light and one punctual light; a ray that leaves the
-/// scene brings sky. Emitters are never counted by hits. Paths end after `bounces` diffuse
-/// reflections. Passes are blocks of samples; the light after a pass is the mean over the samples
-/// so far.
+/// Makes the solver of the method `path`: unbiased path tracing of the same texels with next-event
+/// estimation, the reference that every other method is measured against [Moreno-Fortuny 5.1].
+///
+/// A path starts at a point of the texel's footprint; each vertex samples one area light and one
+/// punctual light; a ray that leaves the scene brings sky. Emitters are never counted by hits.
+/// Paths end after `bounces` diffuse reflections. Passes are blocks of samples; the light after a
+/// pass is the mean over the samples so far.
 std::unique_ptr<Solver> make_path_solver(const World&);
 
 }  // namespace kiln::solver::path

@@ -1,4 +1,4 @@
-#include "baker/denoise/surface_neighbours.h"
+#include "baker/denoise/surface_neighbors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +17,7 @@ float side_of(const atlas::TextureGroup& texels, std::uint32_t t) {
   return std::sqrt(texels.area_m2[t] / texels.coverage[t]);
 }
 
-/// Texels by the cube of the world that they lie in.
+/// Holds texels by the cube of the world that they lie in.
 class WorldGrid {
  public:
   WorldGrid(const atlas::TextureGroup& texels, const std::vector<std::uint32_t>& members,
@@ -51,7 +51,7 @@ class WorldGrid {
   };
 
   Cell cell_of(math::Vec3 p) const {
-    // Far beyond any atlas's resolution, all cells are one.
+    // This is far beyond any atlas's resolution; all cells are one then.
     const auto index = [&](float x) {
       return std::int64_t(std::clamp(std::floor(x * scale_), -1e9f, 1e9f));
     };
@@ -73,7 +73,7 @@ class WorldGrid {
 
 /// A step of one texel along the page, in the world, where the chart shows it.
 std::optional<math::Vec3> step(const atlas::TextureGroup& texels, std::uint32_t t, int dx, int dy) {
-  const std::int32_t after = texels.neighbour(t, dx, dy), before = texels.neighbour(t, -dx, -dy);
+  const std::int32_t after = texels.neighbor(t, dx, dy), before = texels.neighbor(t, -dx, -dy);
   const math::Vec3 p = texels.position[t];
   if (after != atlas::kNoTexel && before != atlas::kNoTexel)
     return (texels.position[after] - texels.position[before]) * 0.5f;
@@ -101,13 +101,13 @@ std::int32_t find(const atlas::TextureGroup& texels, const WorldGrid& grid, std:
 
 }  // namespace
 
-bool SurfaceNeighbours::link(const exec::Workers& workers) {
+bool SurfaceNeighbors::link(const exec::Workers& workers) {
   edge_.assign(texels_.size(), kInside);
   linked_.clear();
   const bool looked = workers.for_runs(texels_.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t)
       for (int k = 0; k < kCount && edge_[t] == kInside; ++k)
-        if (texels_.neighbour(t, k % kSide - kReach, k / kSide - kReach) == atlas::kNoTexel)
+        if (texels_.neighbor(t, k % kSide - kReach, k / kSide - kReach) == atlas::kNoTexel)
           edge_[t] = 0;
   });
   if (!looked) return false;
@@ -131,7 +131,7 @@ bool SurfaceNeighbours::link(const exec::Workers& workers) {
           for (int k = 0; k < kCount; ++k) {
             const int dx = k % kSide - kReach, dy = k / kSide - kReach;
             std::int32_t& n = linked_[i][std::size_t(k)];
-            n = texels_.neighbour(t, dx, dy);
+            n = texels_.neighbor(t, dx, dy);
             if (n != atlas::kNoTexel || !right || !down) continue;
             const math::Vec3 place = texels_.position[t] + *right * float(dx) + *down * float(dy);
             n = find(texels_, grid, t, place, side_of(texels_, t));
@@ -140,9 +140,9 @@ bool SurfaceNeighbours::link(const exec::Workers& workers) {
       });
 }
 
-SurfaceNeighbours::Around SurfaceNeighbours::of(std::uint32_t texel) const {
+SurfaceNeighbors::Around SurfaceNeighbors::of(std::uint32_t texel) const {
   if (edge_[texel] != kInside) return linked_[edge_[texel]];
-  // All of one chart and inside the page.
+  // All texels are of one chart and inside the page.
   const atlas::TextureGroup::Page& page = texels_.pages[texels_.page[texel]];
   const std::int32_t* corner = page.texel_at.data() +
                                (std::size_t(texels_.y[texel]) - kReach) * page.width +

@@ -15,7 +15,7 @@ using test::Mesh;
 using test::quad;
 using test::SceneBuilder;
 
-/// The scene's own layout on one page, unchecked: what the rasteriser sees of valid TEXCOORD_1.
+/// The scene's own layout on one page, unchecked: what the rasterizer sees of valid TEXCOORD_1.
 Atlas as_is(const scene::Scene& scene, std::uint32_t page_size) {
   Atlas atlas;
   atlas.page_size = page_size;
@@ -61,12 +61,12 @@ void expect_points_inside(const Atlas& atlas, const TextureGroup& group) {
   }
 }
 
-TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
+TEST(Rasterize, QuadOnWholeTexelsCoversExactlyThese) {
   const scene::Scene scene =
       SceneBuilder()
           .part(test::quad({0, 0, 0}, {2, 0, 0}, {0, 3, 0}, {0.25f, 0.5f}, {0.75f, 1}))
           .build();
-  const auto group = rasterise(scene, as_is(scene, 16));
+  const auto group = rasterize(scene, as_is(scene, 16));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 8u * 8u);
   EXPECT_EQ(group->front_count, group->size());
@@ -85,11 +85,11 @@ TEST(Rasterise, QuadOnWholeTexelsCoversExactlyThese) {
   }
 }
 
-TEST(Rasterise, KnownPartialCoverage) {
+TEST(Rasterize, KnownPartialCoverage) {
   // One triangle: the lower left half of the page, cut along texel diagonals.
   Mesh half{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 0}, {1, 0}, {0, 1}}, {{0, 1, 2}}};
   const scene::Scene scene = SceneBuilder().part(half).build();
-  const auto group = rasterise(scene, as_is(scene, 8));
+  const auto group = rasterize(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 36u);
   for (std::uint32_t t = 0; t < group->size(); ++t) {
@@ -101,13 +101,13 @@ TEST(Rasterise, KnownPartialCoverage) {
   }
 }
 
-TEST(Rasterise, TexelThatIsOnlyTouchedIsIncluded) {
+TEST(Rasterize, TexelThatIsOnlyTouchedIsIncluded) {
   // Reaches 1/50 texel into the second column.
   const scene::Scene scene =
       SceneBuilder()
           .part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {1.02f / 4, 1}))
           .build();
-  const auto group = rasterise(scene, as_is(scene, 4));
+  const auto group = rasterize(scene, as_is(scene, 4));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 8u);
   for (std::uint32_t t = 0; t < group->size(); ++t) {
@@ -116,7 +116,7 @@ TEST(Rasterise, TexelThatIsOnlyTouchedIsIncluded) {
   expect_points_inside(as_is(scene, 4), *group);
 }
 
-TEST(Rasterise, AreasSumToTheSurface) {
+TEST(Rasterize, AreasSumToTheSurface) {
   // A fan of odd angles, so that texels hold pieces of many triangles.
   Mesh fan;
   fan.positions.push_back({0, 0, 0});
@@ -130,20 +130,20 @@ TEST(Rasterise, AreasSumToTheSurface) {
   const scene::Scene scene = SceneBuilder().part(fan).build();
   for (const std::uint32_t size : {1u, 7u, 64u, 301u}) {
     const Atlas atlas = as_is(scene, size);
-    const auto group = rasterise(scene, atlas);
+    const auto group = rasterize(scene, atlas);
     ASSERT_TRUE(group);
     EXPECT_NEAR(sum(group->area_m2) / surface_area(scene), 1, 1e-6) << size;
     expect_points_inside(atlas, *group);
   }
 }
 
-TEST(Rasterise, PointsAreSpreadByArea) {
+TEST(Rasterize, PointsAreSpreadByArea) {
   // Mean over the points of a linear function is near its mean over the footprint. For 16 points
   // stratified one by one the error of a mean over a unit length is at most 1/16 on one axis.
   const scene::Scene scene =
       SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   const Atlas atlas = as_is(scene, 32);
-  const auto group = rasterise(scene, atlas);
+  const auto group = rasterize(scene, atlas);
   ASSERT_TRUE(group);
   double worst = 0, total = 0;
   for (std::uint32_t t = 0; t < group->size(); ++t) {
@@ -160,13 +160,13 @@ TEST(Rasterise, PointsAreSpreadByArea) {
   EXPECT_LE(std::abs(total), 5 * std::sqrt(2 * 1024 / (12.0 * 4096)) + 2048 * 2e-5);
 }
 
-TEST(Rasterise, TexelOfTwoChartsGoesToTheOneThatCoversMost) {
+TEST(Rasterize, TexelOfTwoChartsGoesToTheOneThatCoversMost) {
   SceneBuilder builder;
   builder.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.55f, 1}));
   builder.part(test::quad({0, 0, 5}, {4, 0, 0}, {0, 1, 0}, {0.55f, 0}, {1, 1}));
   const scene::Scene scene = builder.build();
   const Atlas atlas = as_is(scene, 2);  // chart 0 takes column 0 and 10 % of column 1
-  const auto group = rasterise(scene, atlas);
+  const auto group = rasterize(scene, atlas);
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 4u);
   for (std::uint32_t t = 0; t < 4; ++t) EXPECT_EQ(group->chart[t], group->x[t] == 0 ? 0u : 1u);
@@ -178,19 +178,19 @@ TEST(Rasterise, TexelOfTwoChartsGoesToTheOneThatCoversMost) {
   expect_points_inside(atlas, *group);
 }
 
-TEST(Rasterise, FlatTriangleGivesItsAreaToItsChart) {
+TEST(Rasterize, FlatTriangleGivesItsAreaToItsChart) {
   Mesh mesh = test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0});
   mesh.positions.push_back({0.5f, -1, 0});  // below the lower edge, squeezed onto it in uv
   mesh.uv.push_back({0.5f, 0});
   mesh.triangles.push_back({0, 4, 1});
   const scene::Scene scene = SceneBuilder().part(mesh).build();
-  const auto group = rasterise(scene, as_is(scene, 8));
+  const auto group = rasterize(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->size(), 64u);
   EXPECT_NEAR(sum(group->area_m2), 1.5, 1e-5);
 }
 
-TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
+TEST(Rasterize, DoubleSidedSurfacesHaveTwins) {
   SceneBuilder builder;
   scene::Material one, two;
   one.base_color = {0.3f, 0.3f, 0.3f};
@@ -200,7 +200,7 @@ TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
   builder.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}), 0);
   builder.part(test::quad({0, 0, 5}, {1, 0, 0}, {0, 1, 0}, {0.5f, 0}, {1, 1}), 1);
   const scene::Scene scene = builder.build();
-  const auto group = rasterise(scene, as_is(scene, 8));
+  const auto group = rasterize(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->front_count, 64u);
   EXPECT_EQ(group->size(), 96u);
@@ -225,10 +225,10 @@ TEST(Rasterise, DoubleSidedSurfacesHaveTwins) {
   EXPECT_EQ(group->points.size(), 96u * 16);
 }
 
-TEST(Rasterise, TexelsAreSortedByBlocks) {
+TEST(Rasterize, TexelsAreSortedByBlocks) {
   const scene::Scene scene =
       SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
-  const auto group = rasterise(scene, as_is(scene, 20));
+  const auto group = rasterize(scene, as_is(scene, 20));
   ASSERT_TRUE(group);
   const auto key = [&](std::uint32_t t) {
     const std::uint32_t x = group->x[t], y = group->y[t];
@@ -238,12 +238,12 @@ TEST(Rasterise, TexelsAreSortedByBlocks) {
   for (std::uint32_t t = 1; t < group->size(); ++t) EXPECT_LT(key(t - 1), key(t));
 }
 
-TEST(Rasterise, StopsWhenTold) {
+TEST(Rasterize, StopsWhenTold) {
   const scene::Scene scene =
       SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   std::stop_source stop;
   stop.request_stop();
-  const auto group = rasterise(scene, as_is(scene, 64), stop.get_token());
+  const auto group = rasterize(scene, as_is(scene, 64), stop.get_token());
   ASSERT_FALSE(group);
   EXPECT_EQ(group.error().code, proto::kCanceledCode);
 }
@@ -260,10 +260,10 @@ Texel8 pattern(std::uint32_t x, std::uint32_t y) {
 
 /// Adds an image of side x side pixels to the scene, seen without interpolation.
 scene::Texture add_image(scene::Scene& scene, std::uint32_t side,
-                         Texel8 (*colour)(std::uint32_t, std::uint32_t)) {
+                         Texel8 (*color)(std::uint32_t, std::uint32_t)) {
   scene.images.push_back({side, side, scene.image_texels.size()});
   for (std::uint32_t y = 0; y < side; ++y) {
-    for (std::uint32_t x = 0; x < side; ++x) scene.image_texels.push_back(colour(x, y));
+    for (std::uint32_t x = 0; x < side; ++x) scene.image_texels.push_back(color(x, y));
   }
   return {std::int32_t(scene.images.size() - 1), scene::Wrap::kRepeat, scene::Wrap::kRepeat, true};
 }
@@ -279,26 +279,26 @@ math::Rgb pattern_mean(std::uint32_t x, std::uint32_t y) {
   return sum * 0.25f;
 }
 
-void expect_colour(math::Rgb actual, math::Rgb expected) {
+void expect_color(math::Rgb actual, math::Rgb expected) {
   EXPECT_NEAR(actual.r, expected.r, 1e-5f * std::max(1.f, expected.r));
   EXPECT_NEAR(actual.g, expected.g, 1e-5f * std::max(1.f, expected.g));
   EXPECT_NEAR(actual.b, expected.b, 1e-5f * std::max(1.f, expected.b));
 }
 
 // Four pixels to a texel, and sixteen points of which each pixel gets four: the mean is exact.
-TEST(Rasterise, AlbedoIsTheTexturesMeanOverTheFootprint) {
+TEST(Rasterize, AlbedoIsTheTexturesMeanOverTheFootprint) {
   SceneBuilder b;
   b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
   scene::Scene scene = b.build();
   scene.base_uv = scene.lightmap_uv;
   scene.materials[0].base_color = {0.9f, 0.5f, 0.25f};
   scene.materials[0].base_texture = add_image(scene, 16, pattern);
-  const auto group = rasterise(scene, as_is(scene, 8));
+  const auto group = rasterize(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 64u);
   for (std::uint32_t t = 0; t < group->size(); ++t)
-    expect_colour(group->albedo[t],
-                  math::Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
+    expect_color(group->albedo[t],
+                 math::Rgb{0.9f, 0.5f, 0.25f} * pattern_mean(group->x[t], group->y[t]));
 }
 
 template <class T>
@@ -307,7 +307,7 @@ void expect_same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
   EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size() * sizeof(T)), 0);
 }
 
-TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
+TEST(Rasterize, AnyNumberOfThreadsGivesTheSameBits) {
   SceneBuilder b;
   b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0.3f, 1, 0}));
   scene::Scene scene = b.build();
@@ -315,12 +315,12 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
   scene.materials[0].base_color = {1, 1, 1};
   scene.materials[0].base_texture = add_image(scene, 64, pattern);
   const Atlas atlas = as_is(scene, 150);
-  const auto alone = rasterise(scene, atlas);
+  const auto alone = rasterize(scene, atlas);
   ASSERT_TRUE(alone);
   EXPECT_GT(alone->albedo_capped, 0u);
   for (const unsigned threads : {1u, 4u}) {
     exec::ThreadPool pool(threads);
-    const auto group = rasterise(scene, atlas, {}, kMaxBandPieces, &pool);
+    const auto group = rasterize(scene, atlas, {}, kMaxBandPieces, &pool);
     ASSERT_TRUE(group);
     EXPECT_EQ(group->front_count, alone->front_count);
     EXPECT_EQ(group->albedo_capped, alone->albedo_capped);
@@ -338,7 +338,7 @@ TEST(Rasterise, AnyNumberOfThreadsGivesTheSameBits) {
 }
 
 // A texel that two materials share holds the mean of both, by area.
-TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
+TEST(Rasterize, TexelOfATexturedAndAPlainFaceMixesThem) {
   SceneBuilder b;
   b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0}, {0.5f, 1}));
   const auto plain = b.material({{0.2f, 0.2f, 0.2f}, {40, 40, 40}, {}, {}});
@@ -353,30 +353,30 @@ TEST(Rasterise, TexelOfATexturedAndAPlainFaceMixesThem) {
   Atlas atlas = as_is(scene, 1);
   atlas.triangle_chart.assign(4, 0);  // one chart of two parts
   atlas.charts.resize(1);
-  const auto group = rasterise(scene, atlas);
+  const auto group = rasterize(scene, atlas);
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 1u);
-  expect_colour(group->albedo[0], math::Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
+  expect_color(group->albedo[0], math::Rgb{1, 1, 1} * (0.25f * 1 + 0.25f * 0 + 0.5f * 0.2f));
 }
 
-TEST(Rasterise, AlbedoOverTheCapIsCutAndCounted) {
+TEST(Rasterize, AlbedoOverTheCapIsCutAndCounted) {
   scene::Scene scene = SceneBuilder().part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0})).build();
   scene.materials[0].base_color = {1, 0.5f, 1};
-  const auto group = rasterise(scene, as_is(scene, 4));
+  const auto group = rasterize(scene, as_is(scene, 4));
   ASSERT_TRUE(group);
   EXPECT_EQ(group->albedo_capped, 16u);
-  expect_colour(group->albedo[0], {scene::kMaxAlbedo, 0.5f, scene::kMaxAlbedo});
+  expect_color(group->albedo[0], {scene::kMaxAlbedo, 0.5f, scene::kMaxAlbedo});
 }
 
-TEST(Rasterise, TooManyTrianglesInAFewRowsAreRefused) {
+TEST(Rasterize, TooManyTrianglesInAFewRowsAreRefused) {
   SceneBuilder b;
   for (int i = 0; i < 10; ++i) b.part(test::quad({0, 0, float(i)}, {1, 0, 0}, {0, 1, 0}));
   const scene::Scene scene = b.build();
   const Atlas atlas = as_is(scene, 16);
   // Eight rows of 16 texels, ten times; those on a quad's diagonal hold pieces of two triangles.
   const std::size_t pieces = 10 * (8 * 16 + 8);
-  EXPECT_TRUE(rasterise(scene, atlas, {}, pieces));
-  const auto refused = rasterise(scene, atlas, {}, pieces - 1);
+  EXPECT_TRUE(rasterize(scene, atlas, {}, pieces));
+  const auto refused = rasterize(scene, atlas, {}, pieces - 1);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, "limit_exceeded");
 }

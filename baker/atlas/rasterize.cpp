@@ -90,7 +90,7 @@ class Rasterizer {
       if (!sweep.next()) {
         if (stop_.stop_requested()) return exec::canceled();
         return proto::fail("limit_exceeded",
-                           "too many triangles meet in eight rows of a lightmap page");
+                           "Too many triangles meet in eight rows of a lightmap page.");
       }
       add_band(sweep);
       if (fragments_.size() >= kWaitingFragments && !fill_texels()) return exec::canceled();
@@ -303,14 +303,14 @@ class Rasterizer {
   SetupCache setups_;
   TextureGroup group_;
   std::vector<StrayArea> stray_areas_;
-  std::vector<Fragment> fragments_;         // of the texels that wait for fill_texels()
+  std::vector<Fragment> fragments_;         // fragments of the texels that wait for fill_texels()
   std::vector<std::size_t> fragment_ends_;  // one per such texel
-  std::vector<ChartFragment> by_chart_;     // of the texel at hand
+  std::vector<ChartFragment> by_chart_;     // fragments of the texel at hand
 };
 
 }  // namespace
 
-proto::Expected<TextureGroup> rasterise(const scene::Scene& scene, const Atlas& atlas,
+proto::Expected<TextureGroup> rasterize(const scene::Scene& scene, const Atlas& atlas,
                                         std::stop_token stop, std::size_t max_fragments,
                                         exec::ThreadPool* pool) {
   return Rasterizer(scene, atlas, std::move(stop), pool).run(max_fragments);
