@@ -90,8 +90,9 @@ inline constexpr std::array kLayerNames{
     Word{"indirect", ""},
     Word{"raw", "the irradiance before the filter."},
     Word{"standard_error",
-         "of its luminance, lx: R all, G of direct, B of sky and indirect light."},
-    Word{"samples", "R directions, G shadow rays at most, B 0."},
+         "the standard error of the luminance, lx: R of all light, G of direct light, B of sky and "
+         "indirect light."},
+    Word{"samples", "R is the number of directions, G that of shadow rays at most, B is 0."},
 };
 
 /// Selects the rays that are traced together, sixteen at a time (gather).
