@@ -146,7 +146,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   manifest.settings = input.settings;
   progress::ProgressReporter reporter(progress_listener(observer), manifest.statistics.stages);
 
-  // Loading takes a third of a second, which passes beside other work.
+  // Loading takes a fifth of a second, which passes beside other work.
   std::future<Expected<void>> images;
   if (!input.settings.output.formats.empty())
     images = std::async(std::launch::async, image::open_module);

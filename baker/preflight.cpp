@@ -23,8 +23,9 @@ constexpr double kTriangle = 300;
 constexpr double kSkyPixel = 24;
 // Bytes per texel square of a page: its map, twice.
 constexpr double kSquare = 8;
-// While one page is written: an image for each layer, padding, encoders.
-constexpr double kImage = 16, kEncoders = 40;
+// While one page is written: an image for each layer; padding, encoders, and the samples of two PNG
+// files and a row of tiles, which the processes that encode them copy.
+constexpr double kImage = 16, kEncoders = 48;
 /// What the allocator holds on to.
 constexpr double kSlack = 1.15;
 

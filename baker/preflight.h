@@ -12,8 +12,8 @@ namespace kiln::baker {
 /// half as much again of what is used; counts the scene itself and `kProcessBytes`. Bytes.
 std::uint64_t estimate_memory(const scene::Scene&, const proto::BakeSettings&);
 
-/// Of that, what a process has before it bakes anything, 126 MiB of the image module among them: to
-/// be left out for a second bake beside the first.
-inline constexpr std::uint64_t kProcessBytes = std::uint64_t(154) << 20;
+/// The part of that which a process has before it bakes anything: to be left out for a second bake
+/// beside the first.
+inline constexpr std::uint64_t kProcessBytes = std::uint64_t(28) << 20;
 
 }  // namespace kiln::baker

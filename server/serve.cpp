@@ -11,6 +11,7 @@
 #include "baker/bake.h"
 #include "server/base/log.h"
 #include "server/base/machine.h"
+#include "server/sandbox/image_process.h"
 #include "server/sandbox/setup.h"
 #include "server/service.h"
 
@@ -108,7 +109,9 @@ int serve(const base::ServerConfig& given) {
       base::MemoryBudget::Imports{.processes = config.max_import_processes,
                                   .most_bytes = config.import_memory_bytes,
                                   .impatient = std::max(config.http_threads / 4, 1u)});
-  const auto importer = sandbox::make_importer(config, memory);
+  const auto zygote = sandbox::start_zygote();
+  const sandbox::ImageProcesses images({.zygote = zygote});
+  const auto importer = sandbox::make_importer(config, memory, zygote);
   if (!importer) {
     std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());
     return 1;

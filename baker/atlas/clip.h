@@ -10,9 +10,7 @@ namespace kiln::atlas {
 
 /// A point on a page, in texels. It is in double precision because a texel square is often 1e-4 of
 /// the page, and the fragments of a triangle must sum to the whole.
-struct Point {
-  double x = 0, y = 0;
-};
+using Point = math::Vec2d;
 inline double cross(Point a, Point b, Point c) {
   return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }

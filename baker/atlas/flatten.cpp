@@ -61,28 +61,27 @@ Box smallest_box(std::span<const Point> hull) {
 
 }  // namespace
 
-Vec3d normal_of(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
-  const Vec3d ab{double(b.x) - double(a.x), double(b.y) - double(a.y), double(b.z) - double(a.z)};
-  const Vec3d ac{double(c.x) - double(a.x), double(c.y) - double(a.y), double(c.z) - double(a.z)};
-  return cross(ab, ac);
+math::Vec3d normal_of(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
+  const math::Vec3d origin = math::to_double(a);
+  return cross(math::to_double(b) - origin, math::to_double(c) - origin);
 }
 
-Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const Vec3d> normal,
-                  std::span<const double> area) {
-  Vec3d sum;
-  for (const std::uint32_t face : faces) sum = add(sum, normal[face], area[face]);
+math::Vec3d mean_normal(std::span<const std::uint32_t> faces, std::span<const math::Vec3d> normal,
+                        std::span<const double> area) {
+  math::Vec3d sum;
+  for (const std::uint32_t face : faces) sum += normal[face] * area[face];
   return unit(sum);
 }
 
-ChartFrame smallest_frame(std::span<const math::Vec3> points, const Vec3d& axis,
+ChartFrame smallest_frame(std::span<const math::Vec3> points, const math::Vec3d& axis,
                           const std::stop_token& stop) {
   // The world axis that is least along the normal gives the first direction.
   const double ax = std::abs(axis.x), ay = std::abs(axis.y), az = std::abs(axis.z);
-  const Vec3d helper = ax <= ay && ax <= az ? Vec3d{1, 0, 0}
-                       : ay <= az           ? Vec3d{0, 1, 0}
-                                            : Vec3d{0, 0, 1};
+  const math::Vec3d helper = ax <= ay && ax <= az ? math::Vec3d{1, 0, 0}
+                             : ay <= az           ? math::Vec3d{0, 1, 0}
+                                                  : math::Vec3d{0, 0, 1};
   ChartFrame frame;
-  frame.origin = {points[0].x, points[0].y, points[0].z};
+  frame.origin = math::to_double(points[0]);
   frame.u = unit(cross(helper, axis));
   frame.v = cross(axis, frame.u);
   std::vector<Point> flat;
@@ -92,10 +91,10 @@ ChartFrame smallest_frame(std::span<const math::Vec3> points, const Vec3d& axis,
   if (hull.empty()) return frame;
   Box box = smallest_box(hull);
   if (box.width() < box.height()) box = box_along(hull, -box.sine, box.cosine);
-  const Vec3d u = frame.u, v = frame.v;
-  frame.u = add(Vec3d{u.x * box.cosine, u.y * box.cosine, u.z * box.cosine}, v, box.sine);
-  frame.v = add(Vec3d{v.x * box.cosine, v.y * box.cosine, v.z * box.cosine}, u, -box.sine);
-  frame.origin = add(add(frame.origin, frame.u, box.x.min), frame.v, box.y.min);
+  const math::Vec3d u = frame.u, v = frame.v;
+  frame.u = u * box.cosine + v * box.sine;
+  frame.v = v * box.cosine - u * box.sine;
+  frame.origin = frame.origin + frame.u * box.x.min + frame.v * box.y.min;
   frame.width = box.width();
   frame.height = box.height();
   return frame;

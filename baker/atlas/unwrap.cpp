@@ -46,7 +46,7 @@ bool Unwrapper::load(const scene::Scene& scene, const scene::Instance& instance)
   area_.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     const auto& v = scene.triangles[surface_.triangles[i]];
-    const Vec3d twice =
+    const math::Vec3d twice =
         normal_of(scene.positions[v[0]], scene.positions[v[1]], scene.positions[v[2]]);
     area_[i] = length(twice) / 2;
     normal_[i] = unit(twice);
@@ -60,7 +60,7 @@ bool Unwrapper::load(const scene::Scene& scene, const scene::Instance& instance)
 }
 
 void Unwrapper::make_chart(std::uint32_t seed) {
-  const Vec3d axis = collect(seed);
+  const math::Vec3d axis = collect(seed);
   ChartFrame frame = frame_for(axis);
   for (int i = 0; i < kMaxHalvings && !stopped() && is_wasteful(frame, axis); ++i) {
     halve(seed, frame);
@@ -73,10 +73,10 @@ void Unwrapper::make_chart(std::uint32_t seed) {
 
 /// Fills members_ with as many faces as fit around the seed, in larger and larger steps while
 /// growth is limited. Returns the chart's normal.
-Vec3d Unwrapper::collect(std::uint32_t seed) {
+math::Vec3d Unwrapper::collect(std::uint32_t seed) {
   for (;;) {
     grow(seed, false, limit_);
-    Vec3d axis = mean_normal(members_, normal_, area_);
+    math::Vec3d axis = mean_normal(members_, normal_, area_);
     if (!within(axis, kSteepCosine)) {  // the mean has drifted away from the first faces
       grow(seed, true, limit_);
       axis = normal_[seed];
@@ -104,8 +104,8 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
   ++growth_;
   members_.clear();
   queue_.assign(1, {0, seed});
-  Vec3d sum{};
-  Vec3d axis = normal_[seed];
+  math::Vec3d sum{};
+  math::Vec3d axis = normal_[seed];
   exec::StopPoll stop(stop_);
   while (!queue_.empty() && members_.size() < limit && !stop()) {
     std::pop_heap(queue_.begin(), queue_.end());
@@ -115,7 +115,7 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
     mark_[face] = growth_;
     members_.push_back(face);
     if (!fixed_axis) {
-      sum = add(sum, normal_[face], area_[face]);
+      sum += normal_[face] * area_[face];
       axis = unit(sum);
     }
     for (const std::uint32_t next : surface_.neighbor[face]) {
@@ -129,7 +129,7 @@ void Unwrapper::grow(std::uint32_t seed, bool fixed_axis, std::size_t limit) {
 }
 
 /// Returns whether a face that touches the growing chart may join it.
-bool Unwrapper::fits(std::uint32_t face, const Vec3d& axis) const {
+bool Unwrapper::fits(std::uint32_t face, const math::Vec3d& axis) const {
   const double cosine = dot(normal_[face], axis);
   if (cosine >= kConeCosine) return true;
   if (cosine < kNotchCosine) return false;
@@ -138,13 +138,13 @@ bool Unwrapper::fits(std::uint32_t face, const Vec3d& axis) const {
                        [&](std::uint32_t n) { return n != kNone && mark_[n] == growth_; }) >= 2;
 }
 
-bool Unwrapper::within(const Vec3d& axis, double least_cosine) const {
+bool Unwrapper::within(const math::Vec3d& axis, double least_cosine) const {
   return std::all_of(members_.begin(), members_.end(),
                      [&](std::uint32_t face) { return dot(normal_[face], axis) >= least_cosine; });
 }
 
 /// Sets the grid so that an average face spans some four cells, and a texel two.
-void Unwrapper::open_grid(const Vec3d& axis) {
+void Unwrapper::open_grid(const math::Vec3d& axis) {
   grid_frame_ = frame_for(axis);
   double area = 0;
   for (const std::uint32_t face : members_) area += area_[face] * dot(normal_[face], axis);
@@ -166,7 +166,7 @@ OverlapGrid::Triangle Unwrapper::on_grid(std::uint32_t face) const {
   return t;
 }
 
-bool Unwrapper::covers_itself(const Vec3d& axis) {
+bool Unwrapper::covers_itself(const math::Vec3d& axis) {
   open_grid(axis);
   exec::StopPoll stop(stop_);
   return std::any_of(members_.begin(), members_.end(), [&](std::uint32_t face) {
@@ -181,7 +181,7 @@ bool Unwrapper::covers_itself(const Vec3d& axis) {
 
 /// Grows once more within members_, breadth first from the seed, and leaves out faces that would
 /// cover faces already taken.
-void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
+void Unwrapper::grow_flat(std::uint32_t seed, const math::Vec3d& axis) {
   open_grid(axis);
   const std::uint32_t allowed = growth_;
   const std::uint32_t taken = ++growth_;
@@ -203,7 +203,7 @@ void Unwrapper::grow_flat(std::uint32_t seed, const Vec3d& axis) {
   members_ = std::move(kept);
 }
 
-bool Unwrapper::is_wasteful(const ChartFrame& frame, const Vec3d& axis) const {
+bool Unwrapper::is_wasteful(const ChartFrame& frame, const math::Vec3d& axis) const {
   double area = 0;
   for (const std::uint32_t face : members_) area += area_[face] * dot(normal_[face], axis);
   const double box = frame.width * frame.height;
@@ -237,7 +237,7 @@ void Unwrapper::halve(std::uint32_t seed, const ChartFrame& frame) {
   members_ = std::move(kept);
 }
 
-ChartFrame Unwrapper::frame_for(const Vec3d& axis) const {
+ChartFrame Unwrapper::frame_for(const math::Vec3d& axis) const {
   std::vector<math::Vec3> corners;
   corners.reserve(members_.size() * 3);
   for (const std::uint32_t face : members_) {

@@ -12,20 +12,15 @@
 
 namespace kiln::atlas {
 
-/// A direction or position in double precision.
-struct Vec3d {
-  double x = 0, y = 0, z = 0;
-};
-
 /// A chart's plane: the projection that lays the chart flat, in meters, with its lower corner at
 /// (0, 0).
 struct ChartFrame {
-  Vec3d origin, u, v;  ///< u and v are orthonormal; cross(u, v) is the chart's mean normal
+  math::Vec3d origin, u, v;  ///< u and v are orthonormal; cross(u, v) is the chart's mean normal
   double width = 0, height = 0;
 
   Point project(math::Vec3 p) const {
-    const Vec3d d{double(p.x) - origin.x, double(p.y) - origin.y, double(p.z) - origin.z};
-    return {d.x * u.x + d.y * u.y + d.z * u.z, d.x * v.x + d.y * v.y + d.z * v.z};
+    const math::Vec3d d = math::to_double(p) - origin;
+    return {dot(d, u), dot(d, v)};
   }
 };
 
@@ -62,19 +57,19 @@ class Unwrapper {
   };
   bool load(const scene::Scene&, const scene::Instance&);
   void make_chart(std::uint32_t seed);
-  Vec3d collect(std::uint32_t seed);
+  math::Vec3d collect(std::uint32_t seed);
   void grow(std::uint32_t seed, bool fixed_axis, std::size_t limit);
-  bool within(const Vec3d& axis, double least_cosine) const;
-  bool fits(std::uint32_t face, const Vec3d& axis) const;
-  bool covers_itself(const Vec3d& axis);
-  bool is_wasteful(const ChartFrame&, const Vec3d& axis) const;
+  bool within(const math::Vec3d& axis, double least_cosine) const;
+  bool fits(std::uint32_t face, const math::Vec3d& axis) const;
+  bool covers_itself(const math::Vec3d& axis);
+  bool is_wasteful(const ChartFrame&, const math::Vec3d& axis) const;
   void halve(std::uint32_t seed, const ChartFrame&);
   double middle(std::uint32_t face, const ChartFrame&) const;
   void limit_growth();
-  void grow_flat(std::uint32_t seed, const Vec3d& axis);
-  ChartFrame frame_for(const Vec3d& axis) const;
+  void grow_flat(std::uint32_t seed, const math::Vec3d& axis);
+  ChartFrame frame_for(const math::Vec3d& axis) const;
   OverlapGrid::Triangle on_grid(std::uint32_t face) const;
-  void open_grid(const Vec3d& axis);
+  void open_grid(const math::Vec3d& axis);
 
   bool stopped() const { return stop_.stop_requested(); }
 
@@ -82,7 +77,7 @@ class Unwrapper {
   std::stop_token stop_;  ///< after a stop request, nothing that the steps leave is used
   const scene::Scene* scene_ = nullptr;
   Surface surface_;
-  std::vector<Vec3d> normal_;         ///< per face, unit
+  std::vector<math::Vec3d> normal_;   ///< per face, unit
   std::vector<double> area_;          ///< per face, m2
   std::vector<std::uint32_t> chart_;  ///< per face; kNone while it is in no chart
   std::vector<std::uint32_t> mark_;   ///< per face: the last growth that took it

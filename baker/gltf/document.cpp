@@ -306,21 +306,21 @@ proto::Expected<std::string_view> buffer_view_bytes(const Document& document, in
   return buffer->substr(v.byteOffset, v.byteLength);
 }
 
-std::vector<std::string> named_side_files(std::string_view bytes,
-                                          const files::ImportLimits& limits) {
+Needs find_needs(std::string_view bytes, const files::ImportLimits& limits) {
   const auto container = open_container(bytes);
   if (!container || container->json.size() > limits.json_bytes) return {};
   const auto read = parse_gltf_json(container->json, limits.json_depth, Keep::kWhatABakeReads, {});
   if (!read) return {};
-  std::vector<std::string> names;
+  Needs needs;
+  needs.images = !collection(*read->document, "images").empty();
   for (const char* list : {"buffers", "images"}) {
     for (const Json& item : collection(*read->document, list)) {
       if (!item.is_object() || !item.contains("uri") || !item["uri"].is_string()) continue;
       auto name = relative_file_name(item["uri"].get_ref<const std::string&>(), "");
-      if (name) names.push_back(std::move(*name));
+      if (name) needs.side_files.push_back(std::move(*name));
     }
   }
-  return names;
+  return needs;
 }
 
 }  // namespace kiln::gltf

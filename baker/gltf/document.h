@@ -90,9 +90,15 @@ proto::Expected<Document> open_document(const files::SceneFiles&, const files::I
 proto::Expected<std::string_view> buffer_view_bytes(const Document&, int view,
                                                     const std::string& pointer);
 
-/// Returns the names of the files that a .glb or .gltf needs beside it: those of the relative URIs
-/// of its buffers and images (uri.h). URIs that name no such file are left out. A file that can't
-/// be read names none: an import says what is wrong with it.
-std::vector<std::string> named_side_files(std::string_view bytes, const files::ImportLimits&);
+/// What a .glb or .gltf needs beside its own bytes.
+struct Needs {
+  /// The names of the files of the relative URIs of its buffers and images (uri.h). URIs that name
+  /// no such file are left out.
+  std::vector<std::string> side_files;
+  bool images = true;  ///< false: the document has none, so that none is decoded
+};
+/// Reads the JSON text alone. A file that can't be read names no other: an import says what is
+/// wrong with it.
+Needs find_needs(std::string_view bytes, const files::ImportLimits&);
 
 }  // namespace kiln::gltf

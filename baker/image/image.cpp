@@ -3,6 +3,7 @@
 #include <dlfcn.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -20,6 +21,20 @@ using proto::Unexpected;
 
 constexpr const char* kModuleFile = "liblightkiln-image.so";
 
+/// The shared libraries behind the module, each after those that it needs. The build lists them
+/// with scripts/load-order.
+constexpr const char* kLibraries[] = {
+#include <image_load_order.inc>
+};
+
+/// Opens the libraries behind the module one by one. Each looks its symbols up among the few that
+/// it needs; opened with the module they all search all 260, which takes 0.36 s instead of 0.2 s
+/// (process time of a program that opens the module and ends). A library that can't be opened on
+/// its own is left to the module.
+void open_libraries() {
+  for (const char* const name : kLibraries) ::dlopen(name, RTLD_NOW | RTLD_LOCAL);
+}
+
 /// The first of module_paths() that is there.
 Expected<const Module*> load() {
   std::error_code error;
@@ -34,6 +49,7 @@ Expected<const Module*> load() {
     for (const fs::path& path : paths) all += (all.empty() ? "" : " nor ") + path.string();
     return broken("there is neither " + all);
   }
+  open_libraries();
   void* const library = ::dlopen(found->c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) {
     const std::string why = ::dlerror();  // names the file, or another that it needs
@@ -47,10 +63,10 @@ Expected<const Module*> load() {
   return module;
 }
 
-/// Stays open to the end of the program: the libraries behind it don't all take leave.
-const Expected<const Module*>& module() {
-  static const Expected<const Module*> opened = load();
-  return opened;
+std::atomic<const Module*> replacement{nullptr};
+
+Unexpected unavailable(const Outcome& outcome) {
+  return proto::fail("internal", outcome.words);
 }
 
 struct Kind {
@@ -114,6 +130,7 @@ Source source_of(const Header& header, const std::vector<std::string_view>& part
 Expected<std::string> result(const Header& header, Outcome outcome) {
   if (outcome.end == Outcome::End::kStopped) return exec::canceled();
   if (outcome.end == Outcome::End::kWhole) return std::move(outcome.words);
+  if (outcome.end == Outcome::End::kUnavailable) return unavailable(outcome);
   throw_if_memory_lacks(outcome.words, working_bytes(header));
   return invalid_image(outcome.words);
 }
@@ -138,8 +155,19 @@ void ignore_environment() {
     ::unsetenv(name);
 }
 
+/// The module stays open to the end of the program: the libraries behind it don't all take leave.
+Expected<const Module*> module() {
+  if (const Module* const other = replacement.load()) return other;
+  static const Expected<const Module*> opened = load();
+  return opened;
+}
+
+void use_module(const Module* other) {
+  replacement.store(other);
+}
+
 Expected<void> open_module() {
-  if (!module()) return Unexpected(module().error());
+  if (const auto opened = module(); !opened) return Unexpected(opened.error());
   return {};
 }
 
@@ -157,7 +185,7 @@ Expected<Header> read_header(std::string_view bytes) {
 Expected<std::string> decode_rgba8(const Header& header, Texels texels,
                                    const std::stop_token& stop) {
   if (!header.flaw.empty()) return invalid_image(header.flaw);
-  const auto& library = module();
+  const auto library = module();
   if (!library) return Unexpected(library.error());
   auto said = result(header, (*library)->read_rgba8(source_of(header, header.parts), texels, stop));
   if (!said) return said;
@@ -172,7 +200,7 @@ Expected<std::string> decode_rgba8(const Header& header, Texels texels,
 Expected<void> decode_rgb(Header& header, std::span<math::Rgb> rgb, std::span<float> alpha,
                           const std::stop_token& stop) {
   if (!header.flaw.empty()) return invalid_image(header.flaw);
-  const auto& library = module();
+  const auto library = module();
   if (!library) return Unexpected(library.error());
   if (header.format == Format::kHdr)
     if (auto unfolded = unfold_old_runs(header, stop); !unfolded) return unfolded;
@@ -189,11 +217,12 @@ Expected<void> decode_rgb(Header& header, std::span<math::Rgb> rgb, std::span<fl
 
 Expected<void> encode_exr(const ExrPlan& plan, FloatRows& pixels, Sink& sink,
                           const std::stop_token& stop) {
-  const auto& library = module();
+  const auto library = module();
   if (!library) return Unexpected(library.error());
   const Outcome outcome = (*library)->write_exr(plan, pixels, sink, stop);
   if (outcome.end == Outcome::End::kStopped) return exec::canceled();
   if (outcome.end == Outcome::End::kWhole) return {};
+  if (outcome.end == Outcome::End::kUnavailable) return unavailable(outcome);
   if (outcome.words.find("std::bad_alloc") != std::string::npos) throw std::bad_alloc();
   return proto::fail("io_error", "cannot write an EXR file: " + outcome.words);
 }
@@ -202,7 +231,7 @@ Expected<std::string> encode_png(std::span<const std::uint8_t> samples, std::uin
                                  std::uint32_t height, int channels) {
   if (width == 0 || samples.size() != std::size_t(width) * height * std::size_t(channels))
     throw std::invalid_argument("encode_png: the size does not fit the samples");
-  const auto& library = module();
+  const auto library = module();
   if (!library) return Unexpected(library.error());
   struct Memory final : Sink {
     std::string bytes;
@@ -220,6 +249,7 @@ Expected<std::string> encode_png(std::span<const std::uint8_t> samples, std::uin
   const Outcome outcome = (*library)->write_png(samples, width, height, channels, memory);
   if (memory.full) throw std::bad_alloc();
   if (outcome.end == Outcome::End::kWhole) return std::move(memory.bytes);
+  if (outcome.end == Outcome::End::kUnavailable) return unavailable(outcome);
   return proto::fail("internal", "cannot encode a PNG: " + outcome.words);
 }
 

@@ -34,7 +34,8 @@ struct Sink {
 };
 
 struct Outcome {
-  enum class End { kWhole, kStopped, kFailed } end = End::kWhole;
+  /// kUnavailable: the library could not be asked; `words` are a sentence for the user.
+  enum class End : std::uint8_t { kWhole, kStopped, kFailed, kUnavailable } end = End::kWhole;
   std::string words;  ///< of the library: why it failed, or what it complained of on the way
 };
 
@@ -52,8 +53,9 @@ struct ExrPlan {
   std::span<const std::pair<std::string, std::string>> metadata;
 };
 
-/// What liblightkiln-image.so gives: all calls into OpenImageIO. The functions are safe to call
-/// from many threads, open no file and leave no thread behind. They throw std::bad_alloc.
+/// Holds all calls into OpenImageIO: liblightkiln-image.so gives such a table, and so does
+/// server/sandbox/image_process.h, whose functions ask another process. The functions are safe to
+/// call from many threads, open no file and leave no thread behind. They throw std::bad_alloc.
 struct Module {
   std::uint32_t interface_version;
   const char* version;  ///< of the program that it belongs to
@@ -70,7 +72,7 @@ struct Module {
   Outcome (*write_png)(std::span<const std::uint8_t> samples, std::uint32_t width,
                        std::uint32_t height, int channels, Sink&);
 };
-inline constexpr std::uint32_t kInterfaceVersion = 1;
+inline constexpr std::uint32_t kInterfaceVersion = 2;
 /// Name of the module's one function, `const Module* ()`.
 inline constexpr const char* kModuleEntry = "lightkiln_image_module";
 

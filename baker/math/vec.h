@@ -3,62 +3,88 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 namespace kiln::math {
 
 inline constexpr float kPi = 3.14159265358979323846f;
 
-struct Vec2 {
-  float x = 0, y = 0;
-  bool operator==(const Vec2&) const = default;
-};
-inline Vec2 operator+(Vec2 a, Vec2 b) {
-  return {a.x + b.x, a.y + b.y};
-}
-inline Vec2 operator-(Vec2 a, Vec2 b) {
-  return {a.x - b.x, a.y - b.y};
-}
-inline Vec2 operator*(Vec2 a, float s) {
-  return {a.x * s, a.y * s};
-}
-inline float dot(Vec2 a, Vec2 b) {
-  return a.x * b.x + a.y * b.y;
-}
-inline float cross(Vec2 a, Vec2 b) {
-  return a.x * b.y - a.y * b.x;
-}
+/// A vector of N numbers. Scalars convert to its type, so that `2 * v` keeps the precision of `v`.
+template <int N, class T>
+struct Vec;
 
-struct Vec3 {
-  float x = 0, y = 0, z = 0;
-  bool operator==(const Vec3&) const = default;
-  float operator[](int i) const { return i == 0 ? x : i == 1 ? y : z; }
-  Vec3& operator+=(Vec3 b) {
+template <class T>
+struct Vec<2, T> {
+  T x = 0, y = 0;
+  bool operator==(const Vec&) const = default;
+};
+
+template <class T>
+struct Vec<3, T> {
+  T x = 0, y = 0, z = 0;
+  bool operator==(const Vec&) const = default;
+  T operator[](int i) const { return i == 0 ? x : i == 1 ? y : z; }
+  Vec& operator+=(Vec b) {
     x += b.x, y += b.y, z += b.z;
     return *this;
   }
 };
-inline Vec3 operator+(Vec3 a, Vec3 b) {
+
+using Vec2 = Vec<2, float>;
+using Vec3 = Vec<3, float>;
+using Vec2d = Vec<2, double>;
+using Vec3d = Vec<3, double>;
+
+template <class T>
+Vec<2, T> operator+(Vec<2, T> a, Vec<2, T> b) {
+  return {a.x + b.x, a.y + b.y};
+}
+template <class T>
+Vec<3, T> operator+(Vec<3, T> a, Vec<3, T> b) {
   return {a.x + b.x, a.y + b.y, a.z + b.z};
 }
-inline Vec3 operator-(Vec3 a, Vec3 b) {
+template <class T>
+Vec<2, T> operator-(Vec<2, T> a, Vec<2, T> b) {
+  return {a.x - b.x, a.y - b.y};
+}
+template <class T>
+Vec<3, T> operator-(Vec<3, T> a, Vec<3, T> b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
-inline Vec3 operator-(Vec3 a) {
+template <class T>
+Vec<3, T> operator-(Vec<3, T> a) {
   return {-a.x, -a.y, -a.z};
 }
-inline Vec3 operator*(Vec3 a, float s) {
+template <class T>
+Vec<2, T> operator*(Vec<2, T> a, std::type_identity_t<T> s) {
+  return {a.x * s, a.y * s};
+}
+template <class T>
+Vec<3, T> operator*(Vec<3, T> a, std::type_identity_t<T> s) {
   return {a.x * s, a.y * s, a.z * s};
 }
-inline Vec3 operator*(float s, Vec3 a) {
+template <class T>
+Vec<3, T> operator*(std::type_identity_t<T> s, Vec<3, T> a) {
   return a * s;
 }
-inline float dot(Vec3 a, Vec3 b) {
+template <class T>
+T dot(Vec<2, T> a, Vec<2, T> b) {
+  return a.x * b.x + a.y * b.y;
+}
+template <class T>
+T dot(Vec<3, T> a, Vec<3, T> b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
 }
-inline Vec3 cross(Vec3 a, Vec3 b) {
+template <class T>
+T cross(Vec<2, T> a, Vec<2, T> b) {
+  return a.x * b.y - a.y * b.x;
+}
+template <class T>
+Vec<3, T> cross(Vec<3, T> a, Vec<3, T> b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-inline float length(Vec3 a) {
+template <int N, class T>
+T length(Vec<N, T> a) {
   return std::sqrt(dot(a, a));
 }
 /// Returns the unit vector along `a`, or `fallback` when `a` has no direction.
@@ -71,6 +97,9 @@ inline float max_abs(Vec3 a) {
 }
 inline bool is_finite(Vec3 a) {
   return std::isfinite(a.x) && std::isfinite(a.y) && std::isfinite(a.z);
+}
+inline Vec3d to_double(Vec3 a) {
+  return {double(a.x), double(a.y), double(a.z)};
 }
 
 /// A linear Rec. 709 triple. The name of the variable says whether it is radiance, irradiance or

@@ -15,6 +15,7 @@
 #include "server/cli/report.h"
 #include "server/cli/scene_input.h"
 #include "server/cli/settings_input.h"
+#include "server/sandbox/image_process.h"
 #include "server/sandbox/importer.h"
 
 namespace kiln::cli {
@@ -41,7 +42,8 @@ class Observer : public baker::BakeObserver {
   ProgressView& view_;
 };
 
-proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
+proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags,
+                                           const std::shared_ptr<sandbox::Zygote>& zygote) {
   baker::BakeInput input;
   auto settings = flags.scene.settings(flags.settings).settings();
   if (!settings) return proto::Unexpected(std::move(settings.error()));
@@ -54,11 +56,12 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags) {
   input.scene_sha256 = std::move(digest->sha256);
   auto side = flags.scene.side_files(input.settings);
   if (!side) return proto::Unexpected(std::move(side.error()));
-  input.files = {flags.scene.path, std::move(*side), input.settings.sky.map};
+  input.files = {flags.scene.path, std::move(side->files), input.settings.sky.map};
   // The scene takes the service's path, without its limits: the user has chosen the scene and the
   // machine.
   sandbox::Importer::Options importing;
-  importing.process.zygote = std::make_shared<sandbox::Zygote>(sandbox::Zygote::Options{});
+  importing.process.zygote = zygote;
+  importing.decodes_images = side->images;
   input.source = sandbox::Importer(importing).open(input.files, input.scene_key, {});
   std::filesystem::create_directories(flags.out, error);
   if (error)
@@ -83,11 +86,14 @@ void print_summary(const BakeFlags& flags, const proto::Manifest& manifest) {
 }
 
 int run_bake(const BakeFlags& flags) {
-  auto input = input_of(flags);
+  const Interrupt interrupt;  // made before all threads, which inherit the signal mask
+  // It opens the image module while the scene is read. This process never does.
+  const auto zygote = std::make_shared<sandbox::Zygote>(sandbox::Zygote::Options{});
+  const sandbox::ImageProcesses images({.zygote = zygote});
+  auto input = input_of(flags, zygote);
   if (!input) return report(input.error());
   const unsigned threads =
       flags.threads != 0 ? flags.threads : std::max(1u, std::thread::hardware_concurrency());
-  const Interrupt interrupt;  // made before the pool, whose threads inherit the signal mask
   exec::ThreadPool pool(threads);
   ProgressView view(ProgressView::style_for(flags.quiet));
   Observer observer(view);

@@ -34,30 +34,35 @@ SideFiles find_side_files(const fs::path& scene) {
   SideFiles out;
   const auto file = files::MappedFile::open(scene, files::MappedFile::kAnyLength);
   if (!file) return out;
-  for (const std::string& name : gltf::named_side_files(file->bytes(), {}))
-    if (auto path = inside(folder_of(scene), name)) out.emplace(name, std::move(*path));
+  const gltf::Needs needs = gltf::find_needs(file->bytes(), {});
+  out.images = needs.images;
+  for (const std::string& name : needs.side_files)
+    if (auto path = inside(folder_of(scene), name)) out.files.emplace(name, std::move(*path));
   return out;
 }
 
 proto::Expected<SideFiles> all_side_files(const fs::path& scene,
                                           const std::vector<std::string>& named,
                                           const std::optional<std::string>& sky_map) {
-  SideFiles out;
+  SideFiles out = find_side_files(scene);
+  auto beside = std::move(out.files);
+  out.files.clear();
+  out.images = out.images || sky_map.has_value();
   for (const auto& text : named) {
     const fs::path path(text);
     std::error_code error;
     if (!fs::is_regular_file(path, error) || !std::ifstream(path))
       return proto::fail("missing_file", "can't read " + text);
-    if (!out.emplace(path.filename().string(), path).second)
+    if (!out.files.emplace(path.filename().string(), path).second)
       return proto::fail("missing_file",
                          "two side files are named \"" + path.filename().string() + "\"");
   }
-  SideFiles beside = find_side_files(scene);
   if (sky_map)
     if (auto file = inside(folder_of(scene), *sky_map)) beside.emplace(*sky_map, std::move(*file));
   for (auto& [name, path] : beside) {
     const std::string last = fs::path(name).filename().string();
-    if (!out.count(name) && !(out.count(last) && last != name)) out.emplace(name, path);
+    if (!out.files.count(name) && !(out.files.count(last) && last != name))
+      out.files.emplace(name, path);
   }
   return out;
 }

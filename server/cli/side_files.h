@@ -11,7 +11,10 @@
 namespace kiln::cli {
 
 /// The files that a scene needs, by the names that it uses.
-using SideFiles = std::map<std::string, std::filesystem::path>;
+struct SideFiles {
+  std::map<std::string, std::filesystem::path> files;
+  bool images = true;  ///< false: an import of the scene decodes no image and no sky map
+};
 
 /// Finds the buffers and images that a .gltf or .glb names by relative URIs and that lie in its
 /// folder or below. It leaves out files elsewhere, absolute paths, other schemes and files that do

@@ -49,7 +49,7 @@ proto::Expected<clients::Submission> submission_of(const SubmitFlags& flags) {
   if (!side) return proto::Unexpected(std::move(side.error()));
   auto options = options_of(flags);
   if (!options) return proto::Unexpected(std::move(options.error()));
-  return clients::Submission{flags.scene.path, std::move(*side), std::move(*settings),
+  return clients::Submission{flags.scene.path, std::move(side->files), std::move(*settings),
                              std::move(*options)};
 }
 

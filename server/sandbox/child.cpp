@@ -178,6 +178,8 @@ proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
       return import(request, *files);
     case ImportWork::kLit:
       return write_lit(request, *files, *lit);
+    case ImportWork::kImage:
+      break;  // run_image_call() does that
   }
   return {};
 }
@@ -217,6 +219,7 @@ void run_import_stage(int parent) {
   tie_to(parent);
   const ImportRequest request = read_request();
   close_others(request);
+  if (request.work == ImportWork::kImage) run_image_call(request);
   (void)last_words();
   std::set_new_handler(end_for_want_of_memory);
   ImportAnswer answer;

@@ -181,6 +181,7 @@ class IsolatedSource final : public baker::UploadReader {
     job.key = key_;
     job.limits = options_.limits;
     job.files = files_;
+    job.decodes_images = options_.decodes_images;
     return job;
   }
 

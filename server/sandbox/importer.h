@@ -26,6 +26,9 @@ class Importer {
   struct Options {
     ImportProcessOptions process;
     files::ImportLimits limits;
+    /// False when the scenes are known to have neither images nor sky maps: their imports then do
+    /// not wait for process.zygote.
+    bool decodes_images = true;
     /// What the processes share with bakes: then they wait for their turn, start with what their
     /// work lets expect, and are started again with more where that is not enough, each time with
     /// process.seconds anew. Null: each may take process.memory_bytes.

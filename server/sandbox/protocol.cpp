@@ -1,5 +1,8 @@
 #include "server/sandbox/protocol.h"
 
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
@@ -13,7 +16,7 @@ namespace {
 using nlohmann::json;
 using proto::Expected;
 
-constexpr std::array<const char*, 4> kWork{"probe", "check", "import", "lit"};
+constexpr std::array<const char*, 5> kWork{"probe", "check", "import", "lit", "image"};
 
 /// What an import may say of a scene. Anything else would be a word of the service's own.
 constexpr std::array<std::string_view, 11> kCodes{
@@ -71,7 +74,8 @@ std::string request_text(const ImportRequest& r) {
                          {"product", r.product},
                          {"orders", r.orders},
                          {"scene", r.scene},
-                         {"lit", r.lit}});
+                         {"lit", r.lit},
+                         {"image", r.image}});
 }
 
 proto::Expected<ImportRequest> parse_request(const std::string& text) {
@@ -97,10 +101,20 @@ proto::Expected<ImportRequest> parse_request(const std::string& text) {
     document->at("orders").get_to(r.orders);
     document->at("scene").get_to(r.scene);
     document->at("lit").get_to(r.lit);
+    document->at("image").get_to(r.image);
   } catch (const json::exception& e) {
     return bad(e.what());
   }
   return r;
+}
+
+Expected<proto::Fd> request_file(const ImportRequest& request) {
+  proto::Fd file(::memfd_create("import-request", MFD_CLOEXEC));
+  if (!file.valid()) return proto::storage_error("create", "request");
+  if (auto ok = proto::write_all(file.get(), request_text(request), "request"); !ok)
+    return proto::Unexpected(ok.error());
+  ::lseek(file.get(), 0, SEEK_SET);
+  return file;
 }
 
 std::string answer_text(const ImportAnswer& answer) {

@@ -7,6 +7,7 @@
 
 #include "baker/import/import.h"
 #include "proto/expected.h"
+#include "proto/files.h"
 
 namespace kiln::sandbox {
 
@@ -19,6 +20,7 @@ enum class ImportWork {
   kCheck,   ///< check_scene; with `orders` the process then waits for the order to import
   kImport,  ///< import_files, its product as a scene file
   kLit,     ///< write_lit_glb
+  kImage,   ///< one call of a function of image::Module (image_wire.h)
 };
 
 struct ImportFile {
@@ -40,8 +42,9 @@ struct ImportRequest {
   /// A check may have a pipe that brings the order to import, import_key() and a line feed. A
   /// process that has it answers twice, and ends when the pipe does.
   int orders = -1;
-  int scene = -1;  ///< of kLit: the scene file
-  int lit = -1;    ///< of kLit: the lit request (baker/output/lit_request.h)
+  int scene = -1;          ///< of kLit: the scene file
+  int lit = -1;            ///< of kLit: the lit request (baker/output/lit_request.h)
+  std::string image = {};  ///< of kImage: the head of the call. Its socket is the standard output
 };
 
 /// What keeps an import process in.
@@ -58,6 +61,9 @@ struct ImportAnswer {
 std::string request_text(const ImportRequest&);
 /// Errors: `bad_document`.
 proto::Expected<ImportRequest> parse_request(const std::string& text);
+/// Returns the request as a file to read from its beginning: unlike a pipe it takes all of it at
+/// once. Errors: `io_error`.
+proto::Expected<proto::Fd> request_file(const ImportRequest&);
 
 std::string answer_text(const ImportAnswer&);
 /// Of a process that may have been taken over: an error with a code that no import has is refused.

@@ -22,8 +22,15 @@ files::ImportLimits import_limits(const base::ServerConfig& config) {
   return limits;
 }
 
+std::shared_ptr<Zygote> start_zygote() {
+  return std::make_shared<Zygote>(Zygote::Options{.failed = [](const std::string& reason) {
+    base::log_line(base::LogLevel::kWarn, "import.zygote_ended", {{"reason", reason}});
+  }});
+}
+
 proto::Expected<std::shared_ptr<const Importer>> make_importer(
-    const base::ServerConfig& config, std::shared_ptr<base::MemoryBudget> memory) {
+    const base::ServerConfig& config, std::shared_ptr<base::MemoryBudget> memory,
+    std::shared_ptr<Zygote> zygote) {
   Importer::Options options;
   options.limits = import_limits(config);
   options.process.memory_bytes = config.import_memory_bytes;
@@ -40,10 +47,7 @@ proto::Expected<std::shared_ptr<const Importer>> make_importer(
                            next = std::make_shared<std::atomic<std::uint64_t>>(0)] {
     return folder / ("import-" + std::to_string(++*next));
   };
-  options.process.zygote =
-      std::make_shared<Zygote>(Zygote::Options{.failed = [](const std::string& reason) {
-        base::log_line(base::LogLevel::kWarn, "import.zygote_ended", {{"reason", reason}});
-      }});
+  options.process.zygote = std::move(zygote);
   auto importer = std::make_shared<const Importer>(std::move(options));
   const auto confined = importer->probe();
   if (!confined) return proto::Unexpected(confined.error());

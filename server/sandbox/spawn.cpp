@@ -1,6 +1,7 @@
 #include "server/sandbox/spawn.h"
 
 #include <fcntl.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
@@ -61,6 +62,25 @@ int SpawnPlan::run(const std::filesystem::path& program, std::string command, pi
   std::array<char*, 4> words{name.data(), command.data(), parent.data(), nullptr};
   return ::posix_spawn(&pid, program.c_str(), &actions_, &attributes_, words.data(),
                        plain_environment().data());
+}
+
+Child::~Child() {
+  end();
+}
+
+int Child::wait() {
+  int status = 0;
+  while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
+  }
+  pid_ = -1;
+  return status;
+}
+
+int Child::end() {
+  if (pid_ <= 0) return 0;  // these numbers would reach other processes
+  ::kill(-pid_, SIGKILL);   // with whatever it started where system calls are not filtered
+  ::kill(pid_, SIGKILL);
+  return wait();
 }
 
 }  // namespace kiln::sandbox

@@ -34,4 +34,21 @@ class SpawnPlan {
   std::vector<proto::Fd> copies_;
 };
 
+/// A child of this process, which it does not outlive: the destructor kills it.
+class Child {
+ public:
+  explicit Child(pid_t pid) : pid_(pid) {}
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  ~Child();
+
+  /// Waits for its end by itself. Returns its status, as waitpid() gives it.
+  int wait();
+  /// Kills it, with all of its group, unless it has ended, and waits. Returns its status.
+  int end();
+
+ private:
+  pid_t pid_;
+};
+
 }  // namespace kiln::sandbox

@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/eventfd.h>
-#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -34,7 +33,6 @@ using namespace std::chrono_literals;
 /// Of the words of a process on its standard error, so much is kept.
 constexpr std::size_t kMaxSaid = 2048;
 constexpr int kFirstFile = STDERR_FILENO + 1;
-constexpr std::chrono::milliseconds kZygotePatience{60'000};
 
 Unexpected cannot(const char* what, int error) {
   return proto::fail("io_error", std::string("The import process can't be started: ") + what +
@@ -89,16 +87,6 @@ proto::Expected<ImportRequest> make_request(const ImportProcessOptions& options,
   return request;
 }
 
-/// The request as a file to read from its beginning: unlike a pipe it takes all of it at once.
-Expected<Fd> request_file(const ImportRequest& request) {
-  Fd file(::memfd_create("import-request", MFD_CLOEXEC));
-  if (!file.valid()) return cannot("memfd", errno);
-  if (auto ok = proto::write_all(file.get(), request_text(request), "request"); !ok)
-    return Unexpected(ok.error());
-  ::lseek(file.get(), 0, SEEK_SET);
-  return file;
-}
-
 struct Pipe {
   Fd read, write;
   static proto::Expected<Pipe> make() {
@@ -117,14 +105,14 @@ struct StartedPid {
 
 /// Starts the process: as a copy of the zygote, or as a program of its own for work that needs no
 /// image module while there is no zygote.
-Expected<StartedPid> start(const ImportProcessOptions& options, ImportWork work,
+Expected<StartedPid> start(const ImportProcessOptions& options, const ImportJob& job,
                            std::vector<int> files, const std::stop_token& stop) {
   if (options.zygote) {
-    const bool is_import = work == ImportWork::kImport;
-    if (const auto pid = options.zygote->fork(files, is_import ? kZygotePatience : 0ms, stop))
+    const bool needs_it = job.work == ImportWork::kImport && job.decodes_images;
+    if (const auto pid = options.zygote->fork(files, needs_it ? kZygotePatience : 0ms, stop))
       return StartedPid{*pid, true};
     if (stop.stop_requested()) return exec::canceled();
-    if (is_import) return cannot("no process that has the image module open answers", ETIMEDOUT);
+    if (needs_it) return cannot("no process that has the image module open answers", ETIMEDOUT);
   }
   pid_t pid = -1;
   SpawnPlan plan;
@@ -313,7 +301,7 @@ proto::Expected<Started> launch(const ImportProcessOptions& options, const Impor
   if (!said) return Unexpected(said.error());
   std::vector<int> given{input->get(), answer->write.get(), said->write.get()};
   given.insert(given.end(), files.sources().begin(), files.sources().end());
-  const auto started = start(options, job.work, std::move(given), stop);
+  const auto started = start(options, job, std::move(given), stop);
   if (!started) return Unexpected(started.error());
   auto process =
       std::make_unique<ImportProcess>(started->pid, std::move(answer->read), std::move(said->read));

@@ -22,8 +22,8 @@ namespace kiln::sandbox {
 struct ImportProcessOptions {
   /// The program: this one, whatever has become of its file since it was started.
   std::filesystem::path program = "/proc/self/exe";
-  /// What processes are forked from; imports wait for it. Null: the program is started each time,
-  /// and can't decode images.
+  /// What processes are forked from; imports that decode images wait for it. Null: the program is
+  /// started each time, and can't decode images.
   std::shared_ptr<Zygote> zygote;
   std::uint64_t memory_bytes = 0;       ///< 0: no limit
   std::uint64_t most_memory_bytes = 0;  ///< to which CheckedProcess::import() may raise it
@@ -41,6 +41,9 @@ struct ImportJob {
   std::string settings;
   files::ImportLimits limits;
   files::SceneFiles files;  ///< none for kProbe
+  /// False when an import is known to have neither images nor a sky map: it then waits for no
+  /// zygote.
+  bool decodes_images = true;
   int product = -1, scene = -1, lit = -1;
 };
 

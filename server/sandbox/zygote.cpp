@@ -4,13 +4,11 @@
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <csignal>
 #include <system_error>
 
 #include "server/sandbox/spawn.h"
@@ -28,27 +26,6 @@ constexpr auto kFirstPause = 100ms, kLongestPause = 30'000ms;
 std::string reason_of(const char* what, int error) {
   return std::string(what) + ": " + std::system_category().message(error);
 }
-
-/// A child of this process, which it does not outlive.
-class Child {
- public:
-  explicit Child(pid_t pid) : pid_(pid) {}
-  Child(const Child&) = delete;
-  Child& operator=(const Child&) = delete;
-  ~Child() {
-    if (pid_ <= 0) return;
-    ::kill(pid_, SIGKILL);
-    wait();
-  }
-  void wait() {
-    while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
-    }
-    pid_ = -1;
-  }
-
- private:
-  pid_t pid_;
-};
 
 /// True when `fd` has something to say, or nobody is at its other end; false once it is to stop,
 /// or when that took too long.
@@ -120,7 +97,7 @@ std::string Zygote::run(const std::stop_token& stop) {
       ::recv(ours.get(), &pid, sizeof pid, 0) != sizeof pid)
     return "it ended while it opened the image module, or took too long";
   const Child zygote(pid);
-  loading.wait();
+  loading.wait();  // it ends by itself
   const Fd watched(::fcntl(ours.get(), F_DUPFD_CLOEXEC, 0));
   publish(std::move(ours), pid);
   while (!wait_on(watched.get(), stop_.get(), 3600s, 0) && !stop.stop_requested()) {

@@ -17,6 +17,9 @@
 
 namespace kiln::sandbox {
 
+/// How long work that needs the image module waits for a zygote.
+inline constexpr std::chrono::milliseconds kZygotePatience{60'000};
+
 /// Keeps a process that has the image module open, from which import processes are forked: they pay
 /// neither for a program's start nor for the module. It has one thread, sees no byte from outside
 /// and may start no program and open no socket. One that ends is replaced. Thread-safe.

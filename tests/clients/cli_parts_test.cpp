@@ -30,20 +30,21 @@ TEST(SideFiles, OnlyWhatTheSceneNamesInItsFolder) {
                {"uri": "."}, {"uri": ""}, {"uri": "./room.bin"}]})");
   const auto found = find_side_files(scene);
   std::vector<std::string> names;
-  for (const auto& [name, path] : found) names.push_back(name);
+  for (const auto& [name, path] : found.files) names.push_back(name);
   EXPECT_EQ(names, (std::vector<std::string>{"room.bin", "tex/wood grain.png"}));
+  EXPECT_TRUE(found.images);
 }
 
 TEST(SideFiles, ScenesThatCannotBeReadNameNothing) {
   const test::TempFolder dir;
-  EXPECT_TRUE(find_side_files(dir.path() / "none.gltf").empty());
+  EXPECT_TRUE(find_side_files(dir.path() / "none.gltf").files.empty());
   for (const char* text : {"", "{", "[]", R"({"buffers": {}})", "glTF", "glTF\2\0\0\0"})
-    EXPECT_TRUE(find_side_files(dir.write("a.gltf", text)).empty());
+    EXPECT_TRUE(find_side_files(dir.write("a.gltf", text)).files.empty());
   // A .glb whose chunk claims more than the file holds.
   EXPECT_TRUE(find_side_files(dir.write("a.glb", std::string("glTF\2\0\0\0\xff\xff\xff\xff\xff\xff"
                                                              "\xff\xffJSON{}",
                                                              22)))
-                  .empty());
+                  .files.empty());
 }
 
 TEST(SideFiles, BinaryScenesMayNameFilesToo) {
@@ -56,7 +57,7 @@ TEST(SideFiles, BinaryScenesMayNameFilesToo) {
   };
   put(static_cast<std::uint32_t>(20 + json.size()));
   put(static_cast<std::uint32_t>(json.size()));
-  EXPECT_EQ(find_side_files(dir.write("a.glb", glb + "JSON" + json)).count("b.bin"), 1u);
+  EXPECT_EQ(find_side_files(dir.write("a.glb", glb + "JSON" + json)).files.count("b.bin"), 1u);
 }
 
 TEST(SideFiles, TheUsersFilesWin) {
@@ -66,10 +67,20 @@ TEST(SideFiles, TheUsersFilesWin) {
   const auto scene = dir.write("s.gltf", R"({"images": [{"uri": "tex/a.png"}]})");
   const auto files = all_side_files(scene, {mine.string()});
   ASSERT_TRUE(files);
-  ASSERT_EQ(files->size(), 1u);
-  EXPECT_EQ(files->at("a.png"), mine);
+  ASSERT_EQ(files->files.size(), 1u);
+  EXPECT_EQ(files->files.at("a.png"), mine);
   EXPECT_EQ(all_side_files(scene, {"/nonexistent"}).error().code, "missing_file");
   EXPECT_FALSE(all_side_files(scene, {mine.string(), (dir.path() / "tex/a.png").string()}));
+}
+
+TEST(SideFiles, TellWhetherThereAreImages) {
+  const test::TempFolder dir;
+  const auto plain = dir.write("plain.gltf", R"({"asset": {"version": "2.0"}})");
+  const auto pictures = dir.write("pictures.gltf", R"({"images": [{"bufferView": 0}]})");
+  EXPECT_FALSE(all_side_files(plain, {})->images);
+  EXPECT_TRUE(all_side_files(plain, {}, "noon.exr")->images);
+  EXPECT_TRUE(all_side_files(pictures, {})->images);
+  EXPECT_TRUE(all_side_files(dir.write("broken.gltf", "{"), {})->images) << "nobody knows";
 }
 
 TEST(SettingsInput, FlagsOverTheFile) {

@@ -61,6 +61,10 @@ bool EventStream::wait_for(const std::string& type, std::chrono::milliseconds ti
   return read_until([&] { return count(type) > 0; }, time);
 }
 
+bool EventStream::wait_first(std::chrono::milliseconds time) {
+  return read_until([&] { return !events_.empty(); }, time);
+}
+
 bool EventStream::wait_next(std::chrono::milliseconds time) {
   return read_until([&, before = events_.size()] { return events_.size() > before; }, time);
 }

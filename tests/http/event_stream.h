@@ -21,6 +21,8 @@ class EventStream {
   /// Reads until an event of this type has come. Whether it did, in time.
   bool wait_for(const std::string& type,
                 std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
+  /// Reads until there is an event; what came with the head counts.
+  bool wait_first(std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
   /// Reads until one more event has come.
   bool wait_next(std::chrono::milliseconds time = std::chrono::seconds(30) * kSlowdown);
   /// Reads until the server ends the stream properly. Whether it did, in time.

@@ -183,7 +183,7 @@ TEST(Pitfalls, NoChildInheritsADescriptor) {
   const std::string id = post_job(live.port());
   ASSERT_EQ(wait_for_state(live.port(), id, "running"), "running");
   EventStream stream(live.port(), id);
-  ASSERT_TRUE(stream.wait_next());
+  ASSERT_TRUE(stream.wait_first());
   const Wire idle(live.port()), upload(live.port());
   upload.send("POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\nglTF");
   std::this_thread::sleep_for(milliseconds(200));
@@ -271,7 +271,7 @@ TEST(Pitfalls, OneAddressLeavesPlacesForOthers) {
   const Live live(fake.holding(), {}, limits);
   const std::string id = post_job(live.port());
   auto stream = std::make_unique<EventStream>(live.port(), id);  // a stream takes a place as well
-  ASSERT_TRUE(stream->wait_next());
+  ASSERT_TRUE(stream->wait_first());
   std::vector<Wire> idle;
   for (int i = 0; i < 2; ++i) idle.emplace_back(live.port());
   const Wire fourth(live.port());

@@ -24,7 +24,7 @@ TEST(Streams, AHundredLeaveRoomForShortRequests) {
   std::vector<std::unique_ptr<EventStream>> streams;
   for (int i = 0; i < 100; ++i) {
     streams.push_back(std::make_unique<EventStream>(program.port(), id));
-    ASSERT_TRUE(streams.back()->wait_next());
+    ASSERT_TRUE(streams.back()->wait_first());
   }
   using Clock = std::chrono::steady_clock;
   std::vector<Clock::duration> times;
@@ -108,7 +108,7 @@ TEST(Streams, AreToldWhenTheServiceGoes) {
   const Live live(fake.holding());
   const std::string id = post_job(live.port());
   EventStream early(live.port(), id);
-  ASSERT_TRUE(early.wait_next());
+  ASSERT_TRUE(early.wait_first());
   live.service->begin_drain();
   EXPECT_TRUE(early.wait_for("server.draining"));
   EventStream late(live.port(), id);  // and so is who comes later

@@ -193,6 +193,17 @@ TEST(Zygote, IsReplacedAndImportsWaitForThat) {
   EXPECT_EQ(failed, "it ended");
 }
 
+TEST(Zygote, ScenesWithoutImagesDoNotWaitForIt) {
+  Isolated isolated;
+  isolated.options.process.zygote = std::make_shared<sandbox::Zygote>(
+      sandbox::Zygote::Options{"/nonexistent", [](const std::string&) {}});
+  isolated.options.decodes_images = false;
+  const Scene scene(generate::generate_glb("cornell").value());
+  const auto began = std::chrono::steady_clock::now();
+  EXPECT_EQ(isolated.code_of(scene.files), "");
+  EXPECT_LT(std::chrono::steady_clock::now() - began, 5s * kSlowdown);
+}
+
 TEST(Zygote, GoesWithItsOwner) {
   pid_t pid = -1;
   {

@@ -81,6 +81,23 @@ TEST(ImportOfTheService, AJobHasTwoProcesses) {
   EXPECT_EQ(processes() - before, 2) << program.log();
 }
 
+// Only the zygote and its copies have the image module open.
+TEST(ImportOfTheService, TheServiceNeverOpensTheImageModule) {
+  const TempFolder folder;
+  Program program(folder.path() / "data");
+  const auto scene = write_scene(folder.path(), "room_textured");
+  const std::string id = post_job(program, scene, R"({"atlas":{"page_size":64}})");
+  EXPECT_EQ(member(end_of(program, id), "state"), "succeeded");
+  // A finished page is decoded, and encoded anew.
+  const auto preview = curl(program.url("/v1/jobs/" + id + "/preview?exposure=3"));
+  EXPECT_EQ(preview.status, 200) << preview.body;
+  EXPECT_TRUE(preview.body.starts_with("\x89PNG"));
+  const std::string maps = process_file(program.pid(), "maps");
+  EXPECT_NE(maps.find("libc.so"), maps.npos);
+  EXPECT_EQ(maps.find("OpenImageIO"), maps.npos);
+  EXPECT_EQ(maps.find("liblightkiln-image"), maps.npos);
+}
+
 TEST(ImportOfTheService, GoesWithTheService) {
   const TempFolder folder;
   Program program(folder.path() / "data");
