@@ -164,7 +164,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
 
   // Better now than after hours; a bake of less time than that learns it at its end.
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
-    if (auto ok = images.get(); !ok) return Unexpected(ok.error());
+    if (auto ok = image::open_module(); !ok) return Unexpected(ok.error());
 
   // 2. The passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),
