@@ -165,7 +165,7 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   // A missing image module is reported now rather than after hours. A bake that gets here before
   // the module is open learns of it at its end.
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
-    if (auto ok = images.get(); !ok) return Unexpected(ok.error());
+    if (auto ok = image::open_module(); !ok) return Unexpected(ok.error());
 
   // 2. Run the passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),

@@ -15,7 +15,7 @@ std::string furnace(const std::string& name, float albedo) {
 constexpr math::Vec3 kPlaneCorner{-2, 0, 2}, kPlaneU{4, 0, 0}, kPlaneV{0, 0, -4};
 
 std::int32_t add_plane(SceneBuilder& scene) {
-  const auto gray = scene.material("gray", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   scene.quad("plane", gray, kPlaneCorner, kPlaneU, kPlaneV);
   return gray;
 }
@@ -31,7 +31,7 @@ std::string furnace_90(const std::string& name, std::uint32_t) {
 
 std::string plates(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto gray = scene.material("gray", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto lamp = scene.material("lamp", {0, 0, 0}, {1, 1, 1});
   scene.quad("receiver", gray, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
   scene.quad("emitter", lamp, {0, 1, 0}, {1, 0, 0}, {0, 0, 1});
@@ -40,7 +40,7 @@ std::string plates(const std::string& name, std::uint32_t) {
 
 std::string plates_perpendicular(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto gray = scene.material("gray", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto lamp = scene.material("lamp", {0, 0, 0}, {1, 1, 1});
   scene.quad("receiver", gray, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
   scene.quad("emitter", lamp, {0, 0, 0}, {1, 0, 0}, {0, 1, 0});
@@ -119,7 +119,7 @@ std::string plane_sun(const std::string& name, std::uint32_t) {
 
 std::string tilted_plane(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto gray = scene.material("gray", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   scene.quad("plane", gray, {-0.5f, 0, 0}, {1, 0, 0}, {0, 0.6f, -0.8f});
   return scene.finish();
 }

@@ -62,7 +62,7 @@ constexpr std::array kGenerators{
     Generator{{"plates_perpendicular", "two unit squares that share an edge, F = 0.2000"},
               plates_perpendicular,
               1},
-    Generator{{"color_box", "closed box with colored walls and a lamp: for the balance of energy"},
+    Generator{{"colour_box", "closed box with colored walls and a lamp: for the balance of energy"},
               color_box,
               1},
     Generator{

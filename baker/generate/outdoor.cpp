@@ -41,7 +41,7 @@ void add_lights(SceneBuilder& scene) {
 
 std::string sphere_on_plane(const std::string& name, std::uint32_t detail) {
   SceneBuilder scene(name);
-  const auto gray = scene.material("gray", {0.5f, 0.5f, 0.5f});
+  const auto gray = scene.material("grey", {0.5f, 0.5f, 0.5f});
   const auto orange = scene.material("orange", {0.8f, 0.4f, 0.1f});
   scene.quad("plane", gray, {-4, 0, 4}, {8, 0, 0}, {0, 0, -8});
   scene.ball("ball", orange, {0, 1, 0}, 1, detail);

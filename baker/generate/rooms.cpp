@@ -137,7 +137,7 @@ std::string room_textured(const std::string& name, std::uint32_t) {
 
 std::string many_lights(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
-  const auto gray = scene.material("gray", {0.6f, 0.6f, 0.6f});
+  const auto gray = scene.material("grey", {0.6f, 0.6f, 0.6f});
   std::array<std::int32_t, 8> glow{};
   for (std::size_t i = 0; i < glow.size(); ++i) {
     const math::Rgb tint{(i & 1) != 0 ? 1.f : 0.25f, (i & 2) != 0 ? 1.f : 0.25f,

@@ -11,7 +11,7 @@ namespace {
 using proto::Expected;
 
 constexpr std::size_t kMaxAttributes = 1000, kMaxChannels = 1024;
-/// Where a window may begin.
+/// A window begins within these bounds.
 constexpr std::int64_t kFarthest = 1 << 24;
 constexpr std::uint64_t kMaxTileSide = 1 << 14;
 /// Lines of a chunk, by the compression's number: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A,
@@ -43,7 +43,7 @@ struct Layout {
   std::uint64_t height() const { return std::uint64_t(data.max_y - data.min_y + 1); }
 };
 
-/// "" when the attribute is fine.
+/// Returns "" when the attribute is fine.
 std::string read_channels(Cursor at, Layout& out) {
   constexpr std::int32_t kHalf = 1, kFloat = 2;
   for (;;) {
@@ -102,7 +102,7 @@ std::string check(const Layout& layout) {
   return "";
 }
 
-/// What a decoder needs to know. `rest`: bytes behind the header.
+/// Fills in the facts that a decoder needs. `rest`: bytes behind the header.
 void fill(Header& header, const Layout& layout, std::size_t rest) {
   header.size = {std::uint32_t(layout.width()), std::uint32_t(layout.height())};
   header.primaries = layout.primaries;
@@ -152,7 +152,7 @@ Expected<Header> exr_header(std::string_view bytes) {
     if (at.failed()) return invalid_image("its header can't be read");
     if (!seen.insert(name).second || seen.size() > kMaxAttributes)
       return invalid_image("its header has an attribute twice, or too many");
-    // Of several parts each says for itself how it is stored.
+    // Each of several parts says for itself how it is stored.
     if (name == "type" && type == "string") {
       layout.tiled = value == "tiledimage";
       if (value.starts_with("deep")) return invalid_image("its pixels are deep");

@@ -20,19 +20,19 @@ struct Size {
   std::uint32_t width = 0, height = 0;
 };
 
-/// What the header of an encoded picture says, read without the library: that takes memory by these
-/// numbers. Views into the file, which must outlive it.
+/// The header of an encoded picture, read without the library, which takes memory by these numbers.
+/// It has views into the file, which must outlive it.
 struct Header {
   Format format{};
   Size size;
-  /// Sky maps: which colors the numbers mean; nothing where the file doesn't tell, and Rec. 709 is
-  /// meant.
+  /// Sky maps: the colors that the numbers mean; nothing where the file doesn't tell, and Rec. 709
+  /// is meant.
   std::optional<Primaries> primaries;
   std::string odd;   ///< why an OpenEXR or TIFF file is more than one plain picture; "" if it isn't
   std::string flaw;  ///< why it can't be decoded whatever its size is; "" where nothing is known
   bool animated = false;
 
-  // For the decoder.
+  // The decoder needs these.
   std::vector<std::string_view> parts;        ///< the file, without what makes no pixel
   std::vector<std::string_view> alpha_parts;  ///< WebP: the same with alpha; empty: it has none
   std::list<std::string> made;                ///< what parts view beside the file
@@ -59,8 +59,8 @@ proto::Expected<Header> exr_header(std::string_view bytes);
 proto::Expected<Header> hdr_header(std::string_view bytes);
 proto::Expected<Header> tiff_header(std::string_view bytes);
 
-/// Radiance's old way to say that a pixel comes again, which the library takes for pixels: makes
-/// `header` a picture without it. Errors: `invalid_image`, `canceled`.
+/// Makes `header` a picture without Radiance's old way to say that a pixel comes again, which the
+/// library takes for pixels. Errors: `invalid_image`, `canceled`.
 proto::Expected<void> unfold_old_runs(Header& header, const std::stop_token&);
 
 inline proto::Unexpected invalid_image(const std::string& why) {
@@ -95,7 +95,7 @@ class Cursor {
     left_.remove_prefix(std::size_t(n));
     return b;
   }
-  /// Up to the next zero byte, which is taken too.
+  /// Returns the bytes up to the next zero byte, which is taken too.
   std::string_view name() {
     const auto end = left_.substr(0, 256).find('\0');
     failed_ = failed_ || end == std::string_view::npos;

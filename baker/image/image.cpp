@@ -35,7 +35,7 @@ void open_libraries() {
   for (const char* const name : kLibraries) ::dlopen(name, RTLD_NOW | RTLD_LOCAL);
 }
 
-/// The first of module_paths() that is there.
+/// Opens the first of module_paths() that is there.
 Expected<const Module*> load() {
   std::error_code error;
   const auto paths = module_paths();
@@ -64,6 +64,7 @@ Expected<const Module*> load() {
 }
 
 std::atomic<const Module*> replacement{nullptr};
+std::atomic<Expected<void> (*)()> replacement_check{nullptr};
 
 Unexpected unavailable(const Outcome& outcome) {
   return proto::fail("internal", outcome.words);
@@ -95,7 +96,7 @@ const Kind* kind_of(std::string_view bytes) {
 }
 
 /// Throws std::bad_alloc when the library may have failed for want of memory. It tells that by
-/// errors of its own, which may name it; zlib within says no more than that it failed. What it held
+/// errors of its own, which may name it; zlib within says no more than that it failed. Its memory
 /// is free again: if that was not enough, as much is not to be had now.
 void throw_if_memory_lacks(const std::string& error, std::uint64_t bytes) {
   constexpr std::uint64_t kBeside = 4 << 20, kPiece = 256 << 20;
@@ -108,8 +109,8 @@ void throw_if_memory_lacks(const std::string& error, std::uint64_t bytes) {
   }
 }
 
-/// What the library needs at most beside our texels: for pictures that are decoded in one go
-/// (interlaced, progressive, WebP) three words a pixel.
+/// Returns the memory that the library needs at most beside our texels: for pictures that are
+/// decoded in one go (interlaced, progressive, WebP) three words a pixel.
 std::uint64_t working_bytes(const Header& header) {
   constexpr std::uint64_t kCopies = 8, kWholeBytes = 12;
   const bool in_pieces = header.format == Format::kExr || header.format == Format::kHdr ||
@@ -126,7 +127,7 @@ Source source_of(const Header& header, const std::vector<std::string_view>& part
   return {header.format, parts, header.size.width, header.size.height, rows};
 }
 
-/// What the library said, as ours.
+/// Turns the outcome of a decoder into a result of ours.
 Expected<std::string> result(const Header& header, Outcome outcome) {
   if (outcome.end == Outcome::End::kStopped) return exec::canceled();
   if (outcome.end == Outcome::End::kWhole) return std::move(outcome.words);
@@ -135,8 +136,8 @@ Expected<std::string> result(const Header& header, Outcome outcome) {
   return invalid_image(outcome.words);
 }
 
-/// Of the library's words those that tell of data that is missing or wrong. It tells only the first
-/// thing that it meets, so bytes too many in the middle of the data count, too.
+/// Returns true for words of the library that tell of data that is missing or wrong. It tells only
+/// the first thing that it meets, so bytes too many in the middle of the data count, too.
 bool is_damage(std::string_view words) {
   return words.starts_with("Corrupt JPEG data") || words.starts_with("Premature end");
 }
@@ -162,13 +163,15 @@ Expected<const Module*> module() {
   return opened;
 }
 
-void use_module(const Module* other) {
+void use_module(const Module* other, Expected<void> (*check)()) {
   replacement.store(other);
+  replacement_check.store(check);
 }
 
 Expected<void> open_module() {
   if (const auto opened = module(); !opened) return Unexpected(opened.error());
-  return {};
+  const auto check = replacement_check.load();
+  return check == nullptr ? Expected<void>() : check();
 }
 
 std::optional<Format> format_of(std::string_view bytes) {

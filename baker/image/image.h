@@ -22,10 +22,11 @@ namespace kiln::image {
 // encode have the error `internal` when the module can't be opened, which names the file, or when
 // the other process ends.
 
-/// Of a file by its first bytes; nothing for all others, which nothing here reads.
+/// Tells the format of a file by its first bytes; nothing for all others, which nothing here reads.
 std::optional<Format> format_of(std::string_view bytes);
 
-/// What the file says of itself; takes no memory for pixels. Refuses what no size makes readable.
+/// Reads what the file says of itself and takes no memory for pixels. Refuses files that no size
+/// makes readable.
 /// `format_of(bytes)` must be something. Errors: `invalid_image`.
 proto::Expected<Header> read_header(std::string_view bytes);
 
@@ -44,26 +45,28 @@ proto::Expected<std::string> decode_rgba8(const Header& header, Texels texels,
 proto::Expected<void> decode_rgb(Header& header, std::span<math::Rgb> rgb, std::span<float> alpha,
                                  const std::stop_token&);
 
-/// An OpenEXR file of one part in tiles, ZIP-compressed, `metadata` as text attributes; its bytes
-/// depend on the arguments only. Errors: `canceled`, `internal` and `sink_failed`: the sink's.
+/// Writes an OpenEXR file of one part in tiles, ZIP-compressed, `metadata` as text attributes; its
+/// bytes depend on the arguments only. Errors: `canceled`, `internal` and `sink_failed`: the
+/// sink's.
 proto::Expected<void> encode_exr(const ExrPlan&, FloatRows&, Sink&, const std::stop_token&);
 
-/// PNG bytes of an 8-bit picture of 3 (RGB) or 4 (RGBA, straight) channels, row 0 = top. Carries no
-/// color space, so that no reader converts values; the bytes depend on the arguments only.
+/// Returns PNG bytes of an 8-bit picture of 3 (RGB) or 4 (RGBA, straight) channels, row 0 = top.
+/// Carries no color space, so that no reader converts values; the bytes depend on the arguments
+/// only.
 proto::Expected<std::string> encode_png(std::span<const std::uint8_t> samples, std::uint32_t width,
                                         std::uint32_t height, int channels);
 
-/// Opens the module now instead of at first use. Returns at once after use_module().
-/// Errors: `internal`.
+/// Opens the module now instead of at first use. After use_module() it returns at once, and asks
+/// the check that was given there. Errors: `internal`.
 proto::Expected<void> open_module();
 /// Returns the functions that this process uses. Opens the module unless use_module() gave others.
 /// Errors: `internal`.
 proto::Expected<const Module*> module();
 /// Lets this process use other functions than those of the module, which it then never opens. Null:
 /// it uses the module again. The table must outlive all calls of the functions here, and no such
-/// call may run meanwhile.
-void use_module(const Module*);
-/// Where the module is looked for, first to last.
+/// call may run meanwhile. `check` tells at once whether anything is known against the functions.
+void use_module(const Module*, proto::Expected<void> (*check)() = nullptr);
+/// Returns the places where the module is looked for, first to last.
 std::vector<std::filesystem::path> module_paths();
 /// OpenImageIO reads options and plug-ins from the environment; takes those variables away. To be
 /// called before there are other threads.

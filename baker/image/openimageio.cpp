@@ -299,7 +299,7 @@ Outcome read_alpha8(const Source& source, Texels texels, const std::stop_token& 
   return read_8(source, texels, true, stop);
 }
 
-/// Where a channel lies in interleaved pixels, and as what.
+/// The place and type of a channel in interleaved pixels.
 struct Channel {
   std::size_t offset = 0;
   bool is_half = false;
@@ -323,7 +323,7 @@ struct Channels {
   int first = 0, last = 0;      ///< those that hold them all
   std::size_t pixel_bytes = 0;  ///< of these
 
-  /// False when one is missing, or of another type.
+  /// Returns false when one is missing, or of another type.
   bool find(const OIIO::ImageSpec& spec, bool alpha) {
     std::array<int, 4> at{};
     for (std::size_t c = 0; c < at.size(); ++c)
@@ -439,7 +439,7 @@ Outcome write_png(std::span<const std::uint8_t> samples, std::uint32_t width, st
 extern "C" __attribute__((visibility("default"))) const kiln::image::Module*
 lightkiln_image_module() {
   using namespace kiln::image;
-  // Whatever OPENIMAGEIO_OPTIONS says. -1: no threads in OpenEXR.
+  // These overrule OPENIMAGEIO_OPTIONS. -1: no threads in OpenEXR.
   OIIO::attribute("debug", 0);
   OIIO::attribute("threads", 1);
   OIIO::attribute("exr_threads", -1);

@@ -18,7 +18,7 @@ using proto::Fd;
 
 constexpr std::uint32_t kTile = 64;
 constexpr float kMaxHalf = 65504;
-/// Of files from outside.
+/// Larger files from outside are refused.
 constexpr std::uint64_t kMaxSide = 1 << 16, kMaxPixels = 1 << 27;
 
 proto::Expected<void> check_layers(std::span<const ExrLayer> layers, proto::Precision precision) {
@@ -72,7 +72,7 @@ class LayerRows final : public FloatRows {
   std::vector<float> values_;
 };
 
-/// A file; what is written one behind the other is gathered.
+/// Writes to a file, and gathers what comes one behind the other.
 class FileSink final : public Sink {
  public:
   explicit FileSink(int fd) : fd_(fd) {}

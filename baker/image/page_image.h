@@ -41,7 +41,7 @@ proto::Expected<void> write_exr(const std::filesystem::path&, std::span<const Ex
 /// alpha. The header is checked before memory is taken. Errors: `invalid_image`.
 proto::Expected<PageImage> read_exr(const std::filesystem::path&);
 
-/// PNG bytes of an 8-bit RGB image.
+/// Returns the PNG bytes of an 8-bit RGB image.
 proto::Expected<std::string> encode_png(std::span<const std::array<std::uint8_t, 3>>,
                                         std::uint32_t width, std::uint32_t height);
 

@@ -48,19 +48,20 @@ Matrix inverse(const Matrix& m) {
   return out;
 }
 
-/// XYZ of the color, X + Y + Z being 1.
+/// Returns the XYZ of the color, X + Y + Z being 1.
 Triple xyz(const Primaries::Point& p) {
   return {double(p[0]), double(p[1]), 1 - double(p[0]) - double(p[1])};
 }
 
-/// XYZ of white, Y being 1.
+/// Returns the XYZ of white, Y being 1.
 Triple white_of(const Primaries& p) {
   Triple white = xyz(p.white);
   for (double& v : white) v /= double(p.white[1]);
   return white;
 }
 
-/// Nothing where a primary would have to be black or negative, or numbers are out of all reason.
+/// Returns nothing where a primary would have to be black or negative, or numbers are out of all
+/// reason.
 std::optional<Matrix> to_xyz(const Primaries& p) {
   constexpr double kFarthest = 10, kLeast = 1e-3;
   for (const auto& point : {p.red, p.green, p.blue, p.white})
@@ -76,7 +77,7 @@ std::optional<Matrix> to_xyz(const Primaries& p) {
   return scaled(columns, shares);
 }
 
-/// From XYZ to what stands for the three kinds of cones.
+/// Turns XYZ into what stands for the three kinds of cones.
 constexpr Matrix kBradford{
     {{0.8951, 0.2664, -0.1614}, {-0.7502, 1.7135, 0.0367}, {0.0389, -0.0685, 1.0296}}};
 

@@ -7,23 +7,23 @@
 
 namespace kiln::image {
 
-/// CIE xy of red, green, blue and white: which colors the numbers of a picture mean. Those of
-/// Rec. 709 by default.
+/// CIE xy of red, green, blue and white, which say what colors the numbers of a picture mean. The
+/// default is Rec. 709.
 struct Primaries {
   using Point = std::array<float, 2>;
   Point red{0.64f, 0.33f}, green{0.3f, 0.6f}, blue{0.15f, 0.06f}, white{0.3127f, 0.329f};
 
-  /// But for the last digits that files give.
+  /// Ignores the last digits that files give.
   bool is_rec709() const;
 };
 
-/// From linear numbers by such primaries to linear Rec. 709. White stays white, of the same
+/// Converts linear numbers by such primaries to linear Rec. 709. White stays white, of the same
 /// luminance: colors are adapted from one white point to the other [Lam, "Metamerism and Colour
 /// Constancy", 1985: the Bradford transform, in its linear form]. Colors that Rec. 709 can't show
 /// get negative values.
 class ColorConversion {
  public:
-  /// Nothing when no mixture of the primaries is white, or as good as none.
+  /// Returns nothing when no mixture of the primaries is white, or as good as none.
   static std::optional<ColorConversion> from(const Primaries&);
 
   math::Rgb operator()(math::Rgb c) const {

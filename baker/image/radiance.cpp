@@ -17,7 +17,7 @@ constexpr std::size_t kMaxHeader = 64 << 10;
 /// Rows of these lengths may be packed component by component.
 constexpr std::uint32_t kPackedFrom = 8, kPackedTo = 0x7fff;
 
-/// Takes a line without its end; nothing when there is none.
+/// Takes a line without its end; returns nothing when there is none.
 std::optional<std::string_view> take_line(std::string_view& text) {
   const auto end = text.find('\n');
   if (end == std::string_view::npos) return std::nullopt;
@@ -45,7 +45,7 @@ std::optional<Size> parse_size(std::string_view line) {
   return size;
 }
 
-/// Eight numbers with spaces between.
+/// Reads eight numbers with spaces between.
 std::optional<Primaries> parse_primaries(std::string_view text) {
   Primaries out;
   for (auto* point : {&out.red, &out.green, &out.blue, &out.white})
@@ -59,7 +59,7 @@ std::optional<Primaries> parse_primaries(std::string_view text) {
   return out;
 }
 
-/// "" when the line is fine.
+/// Returns "" when the line is fine.
 std::string read_line(std::string_view line, Header& header) {
   if (line.starts_with("FORMAT=") && line != "FORMAT=32-bit_rle_rgbe")
     return "its pixels are not RGBE";

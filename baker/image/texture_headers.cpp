@@ -1,5 +1,5 @@
-// PNG, JPEG and WebP: their sizes, and what is left of them without text, dates, thumbnails, and
-// profiles. No parser of those ever sees a byte from outside.
+// PNG, JPEG and WebP: this finds their sizes, and leaves out text, dates, thumbnails and profiles.
+// No parser of those ever sees a byte from outside.
 #include "baker/image/header.h"
 
 namespace kiln::image {
@@ -52,7 +52,7 @@ class JpegWalk {
     }
   }
 
-  /// False at the end of the file.
+  /// Returns false at the end of the file.
   bool take_segment() {
     const std::size_t begin = at_ - 1;
     const std::uint8_t m = byte(bytes_, at_++);
@@ -124,7 +124,7 @@ Chunk take_chunk(Cursor& file) {
   return chunk;
 }
 
-/// Of the one picture of a WebP file [RFC 9649].
+/// The chunks of the one picture of a WebP file [RFC 9649].
 struct WebpPicture {
   std::string_view pixels, alpha;  ///< `alpha`: of a lossy one
   bool lossless = false, lossless_alpha = false;

@@ -106,7 +106,8 @@ class Tiff {
     return true;
   }
 
-  /// Number `i` of a field, which may be of 16, 32 or 64 bits; `otherwise` where there is none.
+  /// Returns number `i` of a field, which may be of 16, 32 or 64 bits; `otherwise` where there is
+  /// none.
   std::uint64_t number(Tag tag, std::uint64_t otherwise = 0, std::uint64_t i = 0) const {
     const auto found = fields_.find(tag);
     if (found == fields_.end()) return otherwise;
@@ -124,7 +125,7 @@ class Tiff {
     return true;
   }
 
-  /// "" when the pixels are red, green and blue as numbers with a fraction.
+  /// Returns "" when the pixels are red, green and blue as numbers with a fraction.
   std::string check_pixels() {
     constexpr std::uint64_t kRgb = 2, kFloat = 3;
     samples_ = number(kSamples, 1);
@@ -207,7 +208,7 @@ class Tiff {
     big_ ? put(out, value) : put(out, std::uint32_t(value));
   }
 
-  /// The old head with another directory's place, the old bytes, the new directory.
+  /// Returns the old head with another directory's place, the old bytes, the new directory.
   void rebuild() {
     std::string directory(bytes_.size() % 2, '\0'), head(bytes_.substr(0, big_ ? 8 : 4));
     put_word(head, bytes_.size() + directory.size());

@@ -20,7 +20,7 @@ namespace kiln::sandbox {
 
 /// A scene that a process has checked and still has read, so that its import parses nothing.
 struct CheckedScene {
-  std::string files;  ///< identity_of() what was checked
+  std::string files;  ///< identity_of() the checked files
   /// The process's right to run; ends after it.
   std::optional<base::MemoryBudget::Place> place;
   proto::Fd product;                ///< the import's, empty so far

@@ -34,7 +34,7 @@ constexpr std::size_t kMaxOrder = 100;  ///< a key has 64 letters
   std::_Exit(code);  // nothing here is worth the time of a destructor
 }
 
-/// When the service goes, this goes. Signals that end a service are not meant for this.
+/// Lets this process go when the service goes. Signals that end a service are not meant for it.
 void tie_to(int parent) {
   for (const int number : {SIGTERM, SIGINT, SIGHUP, SIGPIPE, SIGXFSZ}) std::signal(number, SIG_IGN);
   ::prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0);
@@ -56,7 +56,7 @@ ImportRequest read_request() {
   end(1);
 }
 
-/// Nothing stays open but what the request names.
+/// Closes all descriptors but those that the request names.
 void close_others(const ImportRequest& request) {
   int last = std::max({STDERR_FILENO, request.product, request.scene, request.lit, request.orders});
   for (const ImportFile& file : request.files) last = std::max(last, file.fd);
@@ -68,7 +68,7 @@ std::string path_of(const ImportFile& file, std::size_t index) {
   return file.name.empty() ? "scene" : "side/" + std::to_string(index);
 }
 
-/// The upload, mapped whole; its descriptors are closed.
+/// Maps the whole upload and closes its descriptors.
 Expected<files::SceneFiles> map_files(const ImportRequest& request) {
   files::SceneFiles files;
   auto opened = std::make_shared<files::OpenedFiles>();
@@ -90,7 +90,7 @@ Expected<files::SceneFiles> map_files(const ImportRequest& request) {
   return files;
 }
 
-/// Descriptors of kLit, mapped.
+/// The mapped files of kLit.
 struct LitInput {
   files::MappedFile scene, request;
 };
@@ -184,7 +184,7 @@ proto::Expected<void> work(const ImportRequest& request, ImportAnswer& answer) {
   return {};
 }
 
-/// What this process says when it has no memory left to say it with.
+/// This process says this when it has no memory left to make an answer.
 const std::string& last_words() {
   static const std::string words = [] {
     ImportAnswer answer;

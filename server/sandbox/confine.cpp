@@ -33,7 +33,7 @@ constexpr std::uint64_t kNewDescriptors = 0;
 /// Room for the program, its libraries and its stack, which count as address space too.
 constexpr std::uint64_t kProgramBytes = 512ull << 20;
 
-/// @param most to which another process may raise the limit
+/// @param most another process may raise the limit to this
 bool limit(int resource, std::uint64_t value, std::uint64_t most = 0) {
   const rlimit both{value, std::max(value, most)};
   return ::setrlimit(static_cast<__rlimit_resource>(resource), &both) == 0;
@@ -61,14 +61,14 @@ bool limit_memory(std::uint64_t bytes, std::uint64_t most) {
          limit(RLIMIT_AS, all + bytes, all + most);
 }
 
-/// Where memory runs short the kernel is to end this process, not the service.
+/// Asks the kernel to end this process, not the service, when memory runs short.
 void go_first() {
   const proto::Fd file(::open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC));
   if (file.valid() && ::write(file.get(), "1000", 4) != 4)
     return;  // then it is as likely as others
 }
 
-// What the C and C++ libraries call for memory, descriptors, clocks, and to end.
+// The C and C++ libraries call these for memory, descriptors, clocks, and to end.
 constexpr int kCalls[] = {
     SCMP_SYS(read),           SCMP_SYS(pread64),      SCMP_SYS(write),
     SCMP_SYS(pwrite64),       SCMP_SYS(writev),       SCMP_SYS(lseek),
@@ -81,7 +81,7 @@ constexpr int kCalls[] = {
     SCMP_SYS(sysinfo),        SCMP_SYS(sched_yield),  SCMP_SYS(getrusage),
     SCMP_SYS(restart_syscall)};
 
-// What a zygote calls beside those, to fork import processes, and these before they are confined.
+// A zygote calls these, too, to fork processes, and they do before they are confined.
 constexpr int kZygoteCalls[] = {SCMP_SYS(sendto),    SCMP_SYS(recvmsg),   SCMP_SYS(dup2),
                                 SCMP_SYS(fcntl),     SCMP_SYS(setpgid),   SCMP_SYS(close_range),
                                 SCMP_SYS(getppid),   SCMP_SYS(prctl),     SCMP_SYS(openat),
@@ -89,7 +89,7 @@ constexpr int kZygoteCalls[] = {SCMP_SYS(sendto),    SCMP_SYS(recvmsg),   SCMP_S
 
 enum class For { kImport, kZygote };
 
-/// 0, or minus an errno.
+/// Returns 0, or minus an errno.
 int allow(scmp_filter_ctx filter, For whom) {
   if (whom == For::kZygote) {
     for (const int call : kZygoteCalls)
@@ -123,7 +123,7 @@ int allow(scmp_filter_ctx filter, For whom) {
                             SCMP_A0(SCMP_CMP_EQ, static_cast<scmp_datum_t>(::getpid())));
 }
 
-/// Why there is no filter; "" when there is.
+/// Returns why there is no filter; "" when there is one.
 std::string filter_calls(For whom) {
   const auto why = [](int error) { return std::system_category().message(-error); };
   const std::unique_ptr<void, decltype(&::seccomp_release)> filter(
@@ -154,7 +154,7 @@ bool raise_bounds(pid_t pid, std::uint64_t more_bytes) {
 void confine_zygote() {
   limit(RLIMIT_CORE, 0);
   ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
-  // Where there are no filters the import processes say so.
+  // The import processes say so when there are no filters.
   (void)filter_calls(For::kZygote);
 }
 

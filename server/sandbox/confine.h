@@ -8,13 +8,13 @@
 
 namespace kiln::sandbox {
 
-/// Bounds of an import process. confine() takes from this process what decoding does not need,
-/// before it sees the first byte from outside. None of it can be taken back: no memory or processor
-/// time beyond the limits, no file beyond those that are open, none longer than `file_bytes`, no
-/// new privileges, no core file, and with seccomp no system calls but those of memory, of open
-/// descriptors and of the clock: no sockets, no processes or threads, no signals to others, no
-/// executable memory. A limit of 0 is none; memory counts beyond what the program and its libraries
-/// take.
+/// Bounds of an import process. confine() takes from this process what decoding and encoding do not
+/// need, before it sees the first byte from outside. None of it can be taken back. The process then
+/// gets no memory or processor time beyond the limits, no file beyond those that are open, none
+/// longer than `file_bytes`, no new privileges and no core file. With seccomp it has no system
+/// calls but those of memory, of open descriptors and of the clock: it makes no sockets, processes
+/// or threads, sends no signals to others and has no executable memory. A limit of 0 is none;
+/// memory counts beyond what the program and its libraries take.
 struct ImportBounds {
   std::uint64_t memory_bytes = 0;
   std::uint32_t seconds = 0;  ///< of processor time

@@ -15,7 +15,7 @@ namespace kiln::sandbox {
 namespace {
 
 /// Sends to this program and receives from it over the standard output, which is the socket of the
-/// talk. Where nobody is at the other end any more this process ends.
+/// talk. This process ends when nobody is at the other end any more.
 class ImagePeer {
  public:
   static void send(const void* bytes, std::size_t size) {

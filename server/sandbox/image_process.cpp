@@ -36,12 +36,13 @@ std::uint64_t bytes_of(const auto& spans) {
   return all;
 }
 
-/// Bytes of the floats of `rows` rows of an EXR page.
+/// Returns the bytes of the floats of `rows` rows of an EXR page.
 std::uint64_t bytes_of_rows(const ImageHead& head, std::uint64_t rows) {
   return rows * head.width * head.channels.size() * sizeof(float);
 }
 
-/// No encoded picture is longer. What can't be packed is stored as it is, tables and names beside.
+/// Returns a length that no encoded picture has: data that can't be packed is stored as it is, with
+/// tables and names beside it.
 std::uint64_t most_encoded_bytes(const ImageCall& call) {
   std::uint64_t beside = 1 << 20;
   for (const auto& [name, value] : call.head.metadata) beside += name.size() + value.size();
@@ -202,8 +203,8 @@ Outcome no_image_process(const std::string& why) {
   return {Outcome::End::kUnavailable, "The image process can't be started: " + why + "."};
 }
 
-/// The request of a call. Libraries need memory beside the picture; what they take beyond this is
-/// no picture's any more.
+/// Makes the request of a call. Libraries need memory beside the picture; no picture makes them
+/// take more than this.
 ImportRequest request_of(const ImageCall& call) {
   constexpr std::uint64_t kBeside = std::uint64_t{1} << 30, kCopies = 8;
   ImportRequest request;
@@ -335,6 +336,12 @@ Outcome write_png_elsewhere(std::span<const std::uint8_t> samples, std::uint32_t
   return run_image_process(*image_options, call, {});
 }
 
+proto::Expected<void> image_module_of_zygote() {
+  if (std::string fault = image_options->zygote->fault(); !fault.empty())
+    return proto::fail("internal", std::move(fault));
+  return {};
+}
+
 constexpr image::Module kElsewhere{
     image::kInterfaceVersion, LIGHTKILN_VERSION,   read_rgba8_elsewhere, read_alpha8_elsewhere,
     read_rgb_elsewhere,       write_exr_elsewhere, write_png_elsewhere};
@@ -353,7 +360,7 @@ image::Outcome hold_image_talk(const ImageCall& call, int socket, const std::sto
 
 ImageProcesses::ImageProcesses(Options options) {
   image_options = std::make_shared<const Options>(std::move(options));
-  image::use_module(&kElsewhere);
+  image::use_module(&kElsewhere, image_module_of_zygote);
 }
 
 ImageProcesses::~ImageProcesses() {

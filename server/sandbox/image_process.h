@@ -25,7 +25,7 @@ class ImageProcesses {
  public:
   struct Options {
     std::shared_ptr<Zygote> zygote;
-    /// How long a call waits for a zygote.
+    /// A call waits this long for a zygote.
     std::chrono::milliseconds patience = kZygotePatience;
     /// Gets each process's id, on the thread that made the call.
     std::function<void(pid_t)> started = nullptr;

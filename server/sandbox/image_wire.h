@@ -23,17 +23,17 @@ enum class ImageFunction : std::uint8_t { kReadRgba8, kReadAlpha8, kReadRgb, kWr
 struct ImageHead {
   ImageFunction function{};
   std::uint32_t width = 0, height = 0;
-  // Of functions that read
+  // For functions that read
   image::Format format{};
   std::uint32_t rows = 1;            ///< rows at a time
   bool alpha = false;                ///< kReadRgb: alpha is wanted, too
   std::vector<std::uint64_t> parts;  ///< bytes of each part of the file
-  // Of kWriteExr
+  // For kWriteExr
   std::uint32_t tile = 0;
   bool half_floats = false;
   std::vector<std::string> channels;
   std::vector<std::pair<std::string, std::string>> metadata;
-  // Of kWritePng
+  // For kWritePng
   int samples = 0;  ///< per pixel
 };
 

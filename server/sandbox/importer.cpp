@@ -12,6 +12,7 @@
 #include <optional>
 #include <vector>
 
+#include "baker/exec/stop.h"
 #include "baker/output/lit_request.h"
 #include "baker/scene/scene_file.h"
 #include "proto/files.h"
@@ -54,7 +55,7 @@ proto::Expected<ReadScene> read_scene(Fd file, const std::string& key,
   return ReadScene{std::move(file), std::move(*scene)};
 }
 
-/// SHA-256 of a file; "" when it can't be read, or a stop was requested.
+/// Returns the SHA-256 of a file; "" when it can't be read, or a stop was requested.
 std::string digest_of(int fd, const std::stop_token& stop) {
   constexpr std::size_t kPiece = std::size_t{8} << 20;
   const auto mapped = files::MappedFile::map(fd, "scene file", files::MappedFile::kAnyLength);
@@ -75,7 +76,7 @@ std::uint64_t upload_bytes(const files::SceneFiles& files) {
   return error ? 0 : all;
 }
 
-/// Of the first try.
+/// Returns the memory of the first try.
 std::uint64_t expected_bytes(const base::MemoryBudget& memory, const ImportJob& job,
                              const std::string& owner) {
   constexpr std::uint64_t kPerByte = 8;  ///< documents, vertices, images of JPEG
@@ -129,7 +130,7 @@ Expected<Confinement> run_in_turn(const Importer::Options& options, const Import
                  });
 }
 
-/// An empty file at a path of its own, or in memory where the path is "".
+/// Makes an empty file at the path, or in memory where that is "".
 Expected<Fd> new_product(const fs::path& path) {
   if (path.empty()) return file_in_memory("scene");
   Fd file(::open(path.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
@@ -185,7 +186,7 @@ class IsolatedSource final : public baker::UploadReader {
     return job;
   }
 
-  /// Of an earlier bake; nothing when there is none that can be used.
+  /// Returns the scene that an earlier bake left; nothing when there is none that can be used.
   std::optional<scene::Scene> find_kept(const std::stop_token& stop) {
     std::error_code error;
     if (cache_.empty()) return std::nullopt;
@@ -263,12 +264,13 @@ class IsolatedSource final : public baker::UploadReader {
                        "The process that read the scene left something else than a scene: " + how);
   }
 
-  /// Whether a file of that size may stay longer than this bake.
+  /// Returns true when a file of that size may stay longer than this bake.
   bool is_worth_keeping(std::uint64_t bytes) const {
     return bytes <= kAlwaysKept + kKeptPerByte * upload_bytes(files_);
   }
 
-  /// Of what is read in the same way; versions, limits and sky maps make others.
+  /// Scene files that are read in the same way have this prefix; versions, limits and sky maps make
+  /// others.
   std::string prefix() const { return key_.substr(0, 16) + "-"; }
 
   /// Gives the file its name; those go that have its key, or were not used for longest. Or unlinks
@@ -280,7 +282,7 @@ class IsolatedSource final : public baker::UploadReader {
     }
     if (auto synced = proto::sync_file(temporary); !synced) return synced;
     const std::string digest = digest_of(fd, stop);
-    if (digest.empty()) return proto::fail(proto::kCanceledCode, "canceled");
+    if (digest.empty()) return exec::canceled();
     const fs::path name = cache_ / (prefix() + digest + kSuffix);
     if (::rename(temporary.c_str(), name.c_str()) != 0)
       return proto::storage_error("rename", temporary);

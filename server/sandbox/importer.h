@@ -29,13 +29,13 @@ class Importer {
     /// False when the scenes are known to have neither images nor sky maps: their imports then do
     /// not wait for process.zygote.
     bool decodes_images = true;
-    /// What the processes share with bakes: then they wait for their turn, start with what their
-    /// work lets expect, and are started again with more where that is not enough, each time with
+    /// The processes share this with bakes. They wait for their turn, start with what their work
+    /// lets expect, and are started again with more where that is not enough, each time with
     /// process.seconds anew. Null: each may take process.memory_bytes.
     std::shared_ptr<base::MemoryBudget> memory = nullptr;
     std::chrono::milliseconds patience{10'000};  ///< of check(), for its turn
-    /// Names for files that are about to be renamed, on the disk of the caches that open() is
-    /// given. Not asked for without a cache.
+    /// Gives names for files that are about to be renamed, on the disk of the caches that open()
+    /// gets. It is not called without a cache.
     std::function<std::filesystem::path()> new_temporary;
   };
   explicit Importer(Options);
@@ -43,7 +43,8 @@ class Importer {
   /// Starts a process that does nothing. Errors: those of starting one.
   proto::Expected<Confinement> probe() const;
 
-  /// As import::check_scene(). Also `overloaded`: its turn did not come in time. The process that
+  /// Checks as import::check_scene() does. One more error: `overloaded`, its turn did not come in
+  /// time. The process that
   /// passed a scene is kept (checked_scenes.h) and imports it when open() asks for the same files
   /// with the same sky map.
   proto::Expected<void> check(const files::SceneFiles&, const proto::BakeSettings&,
@@ -52,10 +53,11 @@ class Importer {
   /// For one bake. `scene_key` names the content of all files. The scene file is kept in the folder
   /// `cache`, as <16 digits of its import_key()>-<its SHA-256>.scene, and found there by the next
   /// bake of that scene with the same sky map; the four that were used last stay.
-  /// With an empty path it lies in memory. What was kept is used only when its bytes have the
-  /// digest of its name. Not kept is a file that is out of proportion to the upload: an image of
-  /// some kilobytes may decode to a gigabyte, and a disk is soon filled with those. `job`: whose
-  /// reservation in Options::memory the processes draw on, see MemoryBudget::enter(); "": nobody's.
+  /// With an empty path it lies in memory. A kept file is used only when its bytes have the digest
+  /// of its name. A file that is out of proportion to the upload is not kept: an image of some
+  /// kilobytes may decode to a gigabyte, and a disk is soon filled with those. The processes draw
+  /// on the reservation that `job` has in Options::memory, see MemoryBudget::enter(); "": on
+  /// nobody's.
   std::shared_ptr<baker::UploadReader> open(files::SceneFiles, const std::string& scene_key,
                                             std::filesystem::path cache,
                                             const std::string& job = {}) const;

@@ -18,7 +18,7 @@ using proto::Expected;
 
 constexpr std::array<const char*, 5> kWork{"probe", "check", "import", "lit", "image"};
 
-/// What an import may say of a scene. Anything else would be a word of the service's own.
+/// An import says these of a scene. Any other code would be a word of the service's own.
 constexpr std::array<std::string_view, 11> kCodes{
     "import_crashed",  "import_out_of_memory", "invalid_image",        "invalid_scene",
     "io_error",        "limit_exceeded",       "missing_file",         "no_light",

@@ -11,12 +11,12 @@
 
 namespace kiln::sandbox {
 
-/// What the service tells its import process, and what that answers: one JSON document each way.
-/// The request lies in a file that is the process's standard input, the answer comes through a pipe
-/// that is its standard output. Each answer is a line. All files that it may read or write are open
-/// when it starts; the request names them by descriptor.
+/// The service and its import process exchange one JSON document each way. The request lies in a
+/// file that is the process's standard input, the answer comes through a pipe that is its standard
+/// output. Each answer is a line. All files that it may read or write are open when it starts; the
+/// request names them by descriptor.
 enum class ImportWork {
-  kProbe,   ///< nothing: to see that it starts, and what holds it
+  kProbe,   ///< nothing: it shows that it starts, and what holds it
   kCheck,   ///< check_scene; with `orders` the process then waits for the order to import
   kImport,  ///< import_files, its product as a scene file
   kLit,     ///< write_lit_glb
@@ -47,7 +47,7 @@ struct ImportRequest {
   std::string image = {};  ///< of kImage: the head of the call. Its socket is the standard output
 };
 
-/// What keeps an import process in.
+/// The bounds that hold an import process.
 struct Confinement {
   bool memory = false;     ///< its address space is limited
   std::string no_seccomp;  ///< why system calls are not filtered; "" where they are
@@ -66,7 +66,7 @@ proto::Expected<ImportRequest> parse_request(const std::string& text);
 proto::Expected<proto::Fd> request_file(const ImportRequest&);
 
 std::string answer_text(const ImportAnswer&);
-/// Of a process that may have been taken over: an error with a code that no import has is refused.
+/// The process may have been taken over, so an error with a code that no import has is refused.
 /// Errors: `bad_document`.
 proto::Expected<ImportAnswer> parse_answer(const std::string& text);
 

@@ -11,10 +11,10 @@
 
 namespace kiln::sandbox {
 
-/// Starts this program anew for a part of its work. What may hold secrets stays behind: all
-/// descriptors but those that are given, and the environment but for what the loader and sanitizers
-/// read. The process is in a group of its own, so that Ctrl-C reaches it through the service only,
-/// and starts with the signals that end a service blocked.
+/// Starts this program anew for a part of its work. All descriptors but those that are given
+/// stay behind, since they may hold secrets, and so does the environment but for what the loader
+/// and sanitizers read. The process is in a group of its own, so that Ctrl-C reaches it through the
+/// service only, and starts with the signals that end a service blocked.
 class SpawnPlan {
  public:
   SpawnPlan();

@@ -30,7 +30,7 @@ using proto::Unexpected;
 using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
-/// Of the words of a process on its standard error, so much is kept.
+/// So much is kept of what a process says on its standard error.
 constexpr std::size_t kMaxSaid = 2048;
 constexpr int kFirstFile = STDERR_FILENO + 1;
 
@@ -180,7 +180,7 @@ class ImportProcess {
     return static_cast<int>(std::clamp<std::int64_t>(left, 0, 60'000));
   }
 
-  /// False when there is more than `max`. Beyond `max` the rest is read and forgotten.
+  /// Returns false when there is more than `max`; the rest is read and forgotten.
   static bool take(Fd& fd, std::string& to, std::size_t max) {
     std::array<char, 16384> piece;
     while (fd.valid()) {
@@ -264,10 +264,10 @@ Expected<Confinement> outcome_of(const ImportProcessOptions& options, const std:
   return Unexpected(std::move(*answer->error));
 }
 
-/// The process's end as the job's outcome.
+/// Returns the job's outcome by the process's end.
 Expected<Confinement> outcome_of(const ImportProcessOptions& options, const ImportProcess& process,
                                  End end) {
-  if (end == End::kStopped) return proto::fail(proto::kCanceledCode, "canceled");
+  if (end == End::kStopped) return exec::canceled();
   if (end == End::kLate) return too_late(options);
   if (end == End::kTalkedTooMuch) return crashed("answered too much");
   const int status = process.status();

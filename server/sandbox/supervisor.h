@@ -18,19 +18,19 @@
 
 namespace kiln::sandbox {
 
-/// How import processes are started and held.
+/// These options say how import processes are started and held.
 struct ImportProcessOptions {
   /// The program: this one, whatever has become of its file since it was started.
   std::filesystem::path program = "/proc/self/exe";
-  /// What processes are forked from; imports that decode images wait for it. Null: the program is
+  /// Processes are forked from it; imports that decode images wait for it. Null: the program is
   /// started each time, and can't decode images.
   std::shared_ptr<Zygote> zygote;
   std::uint64_t memory_bytes = 0;       ///< 0: no limit
   std::uint64_t most_memory_bytes = 0;  ///< to which CheckedProcess::import() may raise it
   std::uint32_t seconds = 0;            ///< of time on the wall, and of the processor; 0: no limit
-  /// Told each process's id, on the thread that waits for it.
+  /// Gets each process's id, on the thread that waits for it.
   std::function<void(pid_t)> started;
-  /// Told why a process failed, and what it had said on its standard error.
+  /// Gets the reason why a process failed, and what it had said on its standard error.
   std::function<void(const std::string& reason, const std::string& said)> failed;
 };
 
@@ -56,7 +56,7 @@ proto::Expected<Confinement> run_import_process(const ImportProcessOptions&, con
                                                 std::stop_token);
 
 /// A process that has checked a scene and waits, asleep, for the order to import it: it still has
-/// what it read. Ends with this object. For one thread at a time.
+/// what it read. It ends with this object. One thread at a time may use it.
 class CheckedProcess {
  public:
   struct Parts;
@@ -66,8 +66,9 @@ class CheckedProcess {
   ~CheckedProcess();
 
   /// Gives the process the memory of `options` in place of what it had, and lets it write the scene
-  /// file of that key to its product. As run_import_process(); nothing when the process is gone, or
-  /// had too little memory, and another has to read the scene anew. Called once.
+  /// file of that key to its product. Returns what run_import_process() does; nothing when the
+  /// process is gone, or had too little memory, and another has to read the scene anew. May be
+  /// called once.
   std::optional<proto::Expected<Confinement>> import(const ImportProcessOptions& options,
                                                      const std::string& key, std::stop_token);
 
@@ -75,7 +76,7 @@ class CheckedProcess {
   std::unique_ptr<Parts> parts_;
 };
 
-/// Runs a check as run_import_process() does. Where the scene passes, returns the process, which
+/// Runs a check as run_import_process() does. Returns the process of a scene that passes, which
 /// can go on to import it into job.product; null where it can't decode images. Same errors.
 proto::Expected<std::unique_ptr<CheckedProcess>> run_check_process(const ImportProcessOptions&,
                                                                    const ImportJob&,

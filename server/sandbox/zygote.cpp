@@ -27,8 +27,8 @@ std::string reason_of(const char* what, int error) {
   return std::string(what) + ": " + std::system_category().message(error);
 }
 
-/// True when `fd` has something to say, or nobody is at its other end; false once it is to stop,
-/// or when that took too long.
+/// Returns true when `fd` has something to say, or nobody is at its other end; false once it is to
+/// stop, or when that took too long.
 bool wait_on(int fd, int stop, std::chrono::milliseconds time, short events) {
   std::array<pollfd, 2> files{{{fd, events, 0}, {stop, POLLIN, 0}}};
   while (::poll(files.data(), files.size(), static_cast<int>(time.count())) < 0 && errno == EINTR) {
@@ -53,11 +53,17 @@ pid_t Zygote::pid() const {
   return pid_;
 }
 
-void Zygote::publish(Fd socket, pid_t pid) {
+std::string Zygote::fault() const {
+  const std::lock_guard lock(mutex_);
+  return fault_;
+}
+
+void Zygote::publish(Fd socket, pid_t pid, std::string fault) {
   {
     const std::lock_guard lock(mutex_);
     socket_ = std::move(socket);
     pid_ = pid;
+    fault_ = std::move(fault);
   }
   changed_.notify_all();
 }
@@ -92,14 +98,14 @@ std::string Zygote::run(const std::stop_token& stop) {
   }
   theirs.reset();
   Child loading(loader);
-  std::int32_t pid = -1;
-  if (!wait_on(ours.get(), stop_.get(), kLoadTime, POLLIN) ||
-      ::recv(ours.get(), &pid, sizeof pid, 0) != sizeof pid)
-    return "it ended while it opened the image module, or took too long";
+  auto ready = wait_on(ours.get(), stop_.get(), kLoadTime, POLLIN) ? receive_ready(ours.get())
+                                                                   : std::nullopt;
+  if (!ready) return "it ended while it opened the image module, or took too long";
+  const pid_t pid = ready->pid;
   const Child zygote(pid);
   loading.wait();  // it ends by itself
   const Fd watched(::fcntl(ours.get(), F_DUPFD_CLOEXEC, 0));
-  publish(std::move(ours), pid);
+  publish(std::move(ours), pid, std::move(ready->fault));
   while (!wait_on(watched.get(), stop_.get(), 3600s, 0) && !stop.stop_requested()) {
   }
   publish({}, -1);

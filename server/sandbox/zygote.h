@@ -17,7 +17,7 @@
 
 namespace kiln::sandbox {
 
-/// How long work that needs the image module waits for a zygote.
+/// Work that needs the image module waits this long for a zygote.
 inline constexpr std::chrono::milliseconds kZygotePatience{60'000};
 
 /// Keeps a process that has the image module open, from which import processes are forked: they pay
@@ -27,7 +27,7 @@ class Zygote {
  public:
   struct Options {
     std::filesystem::path program = "/proc/self/exe";
-    /// Told why there is none for now, on a thread of its own.
+    /// Gets the reason why there is none for now, on a thread of its own.
     std::function<void(const std::string& reason)> failed;
   };
   /// Begins to start it and returns at once.
@@ -39,23 +39,26 @@ class Zygote {
 
   /// Forks an import process (child.h) that has copies of `files` as its descriptors 0, 1, 2 and so
   /// on, and no others. It is a child of this process. Waits until there is a zygote,
-  /// `patience` at most. Nothing when there is none then, or a stop was requested.
+  /// `patience` at most. Returns nothing when there is none then, or a stop was requested.
   std::optional<pid_t> fork(std::span<const int> files, std::chrono::milliseconds patience,
                             const std::stop_token&);
 
-  /// Of the zygote; -1 while there is none.
+  /// Returns the zygote's id; -1 while there is none.
   pid_t pid() const;
+  /// Returns why the zygote has no image module; "" where it has one, or there is no zygote yet.
+  std::string fault() const;
 
  private:
   void keep(const std::stop_token&);
   std::string run(const std::stop_token&);
-  void publish(proto::Fd socket, pid_t pid);
+  void publish(proto::Fd socket, pid_t pid, std::string fault = {});
 
   const Options options_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
   proto::Fd socket_;  ///< to the zygote; invalid while there is none
   pid_t pid_ = -1;
+  std::string fault_;
   proto::Fd stop_;  ///< readable once it is to end
   std::jthread keeper_;
 };

@@ -24,7 +24,7 @@ namespace {
 
 constexpr int kSocket = 0;
 
-/// A child of the service, not of this process: that waits for it. 0 in the child.
+/// Forks a child of the service, which waits for it. Returns its id; 0 in the child.
 pid_t fork_for_parent() {
   return static_cast<pid_t>(::syscall(SYS_clone, CLONE_PARENT | SIGCHLD, 0, 0, 0, 0));
 }
@@ -82,16 +82,14 @@ void die_with(int parent) {
 void run_import_zygote(int parent) {
   for (const int number : {SIGTERM, SIGINT, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   die_with(parent);
-  // Where it can't be opened the import of a scene with images says so.
-  (void)image::open_module();
+  const auto opened = image::open_module();
   wait_for_quiet();
   // Threads of libraries stay behind with this process.
   const pid_t copy = fork_for_parent();
   if (copy != 0) std::_Exit(copy < 0 ? 1 : 0);
   die_with(parent);
   confine_zygote();
-  const std::int32_t pid = ::getpid();
-  if (::send(kSocket, &pid, sizeof pid, MSG_NOSIGNAL) != sizeof pid) std::_Exit(1);
+  if (!send_ready(kSocket, {::getpid(), opened ? "" : opened.error().message})) std::_Exit(1);
   serve_forks(parent);
 }
 

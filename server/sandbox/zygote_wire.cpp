@@ -13,6 +13,7 @@ namespace {
 
 /// The kernel passes 253 descriptors with one packet.
 constexpr std::size_t kMostFiles = 250;
+constexpr std::size_t kMostFault = 2000;
 
 /// A packet that says how many descriptors are still to come, with some of them.
 struct Packet {
@@ -31,6 +32,23 @@ struct Packet {
 };
 
 }  // namespace
+
+bool send_ready(int socket, const ZygoteReady& ready) {
+  std::string packet(reinterpret_cast<const char*>(&ready.pid), sizeof ready.pid);
+  packet += ready.fault.substr(0, kMostFault);
+  return ::send(socket, packet.data(), packet.size(), MSG_NOSIGNAL) == ssize_t(packet.size());
+}
+
+std::optional<ZygoteReady> receive_ready(int socket) {
+  std::array<char, sizeof(std::int32_t) + kMostFault> packet;
+  const ssize_t got = ::recv(socket, packet.data(), packet.size(), 0);
+  ZygoteReady ready;
+  if (got < ssize_t(sizeof ready.pid)) return std::nullopt;
+  std::memcpy(&ready.pid, packet.data(), sizeof ready.pid);
+  if (ready.pid <= 0) return std::nullopt;
+  ready.fault.assign(packet.data() + sizeof ready.pid, std::size_t(got) - sizeof ready.pid);
+  return ready;
+}
 
 bool send_files(int socket, std::span<const int> files) {
   do {

@@ -6,6 +6,8 @@
 #include <future>
 
 #include "baker/generate/generate.h"
+#include "baker/image/image.h"
+#include "server/sandbox/image_process.h"
 #include "server/sandbox/zygote.h"
 #include "tests/sandbox/isolated.h"
 
@@ -91,6 +93,24 @@ TEST(ImageModule, ABrokenOneIsNamed) {
     EXPECT_NE(bake.said.find((copy.bin() / "liblightkiln-image.so").string()), std::string::npos)
         << bake.said;
   }
+}
+
+// A bake of hours asks before it begins.
+TEST(ImageModule, WhatTheZygoteMissesIsKnownAtOnce) {
+  const Copy copy;
+  const auto zygote = std::make_shared<sandbox::Zygote>(
+      sandbox::Zygote::Options{copy.bin() / "lightkiln", [](const std::string&) {}});
+  const sandbox::ImageProcesses processes({.zygote = zygote});
+  for (int i = 0; i < 30'000 && zygote->pid() < 0; ++i) std::this_thread::sleep_for(1ms);
+  const auto opened = image::open_module();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, "internal");
+  EXPECT_NE(opened.error().message.find((copy.bin() / "liblightkiln-image.so").string()),
+            std::string::npos)
+      << opened.error().message;
+  const auto png = image::encode_png(std::vector<std::uint8_t>(12), 2, 2, 3);
+  ASSERT_FALSE(png);
+  EXPECT_EQ(png.error().message, opened.error().message);
 }
 
 TEST(ImageModule, TheEnvironmentBringsNoPlugins) {

@@ -95,7 +95,7 @@ INSTANTIATE_TEST_SUITE_P(OfEveryLight, Scenes,
                          testing::Values(Case{"cornell", {}}, Case{"courtyard", {2, 3, 5}},
                                          Case{"room_textured", {}}, Case{"many_lights", {}},
                                          Case{"sphere_on_plane", {1, 1, 1}},
-                                         Case{"plane_sun", {100, 120, 150}}, Case{"color_box", {}},
+                                         Case{"plane_sun", {100, 120, 150}}, Case{"colour_box", {}},
                                          Case{"furnace_90", {}}),
                          [](const auto& c) { return std::string(c.param.scene); });
 
