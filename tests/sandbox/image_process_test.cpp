@@ -17,6 +17,7 @@
 #include <jpeglib.h>  // after <cstdio>: it names FILE
 
 #include "baker/image/image.h"
+#include "server/sandbox/image_talk.h"
 #include "tests/sandbox/isolated.h"
 #include "tests/support/png_builder.h"
 #include "tests/support/sky_files.h"
