@@ -13,7 +13,8 @@ struct PackRect {
 
 /// Places the rectangles in a square of `size` without overlap or rotation (skyline, tallest
 /// first). Returns false when they do not all fit, or when stopped; x and y are then meaningless.
-/// Equal input gives equal results.
+/// Equal input gives equal results. stb_rect_pack has the same skyline, but can't be stopped, and
+/// would place the charts of every scene elsewhere: pages and resumed bakes would change.
 bool pack_square(std::span<PackRect>, std::uint32_t size, const std::stop_token&);
 
 }  // namespace kiln::atlas
