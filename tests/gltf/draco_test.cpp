@@ -127,7 +127,7 @@ TEST(Draco, WhatCannotBeIsAnErrorWithItsPlace) {
   expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][2]["componentType"] = 5121; },
                "do not fit");
   expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][0]["type"] = "MAT2"; }, "can't hold");
-  expect_wrong([](test::GltfBuilder& b) { import::primitive(b)["mode"] = 5; }, "only triangles",
+  expect_wrong([](test::GltfBuilder& b) { import::primitive(b)["mode"] = 5; }, "consist of triangles",
                "unsupported_extension");
   expect_wrong([](test::GltfBuilder& b) { import::primitive(b).erase("indices"); },
                "needs indices");
