@@ -9,7 +9,7 @@
 namespace kiln::sandbox {
 namespace {
 
-constexpr auto kKeptFor = std::chrono::seconds(60);
+constexpr auto kKeptFor = std::chrono::seconds(15);
 constexpr std::size_t kMostKept = 8;
 
 /// Appends what tells a file from others. False when it can't be read.

@@ -38,8 +38,8 @@ struct CheckedScene {
 /// keeps their inodes from being used again. "" when one of them can't be read.
 std::string identity_of(const files::SceneFiles&);
 
-/// Keeps scenes between their check and their import, each for a minute at most, few at a time, and
-/// none whose place another process waits for. Thread-safe.
+/// Keeps scenes between their check and their import, each for a quarter of a minute at most, few
+/// at a time, and none whose place another process waits for. Thread-safe.
 class CheckedScenes {
  public:
   CheckedScenes();

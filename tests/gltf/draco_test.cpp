@@ -127,8 +127,8 @@ TEST(Draco, WhatCannotBeIsAnErrorWithItsPlace) {
   expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][2]["componentType"] = 5121; },
                "do not fit");
   expect_wrong([](test::GltfBuilder& b) { b.json["accessors"][0]["type"] = "MAT2"; }, "can't hold");
-  expect_wrong([](test::GltfBuilder& b) { import::primitive(b)["mode"] = 5; }, "consist of triangles",
-               "unsupported_extension");
+  expect_wrong([](test::GltfBuilder& b) { import::primitive(b)["mode"] = 5; },
+               "consist of triangles", "unsupported_extension");
   expect_wrong([](test::GltfBuilder& b) { import::primitive(b).erase("indices"); },
                "needs indices");
   expect_wrong([](test::GltfBuilder& b) { extension(b)["attributes"]["POSITION"] = 77; },
