@@ -256,14 +256,21 @@ TEST(ImageProcess, StopsAtOnce) {
   Ramp rows(64, 4);
   Collected sink;
   std::stop_source stop;
-  rows.before = [&] { ::kill(elsewhere.pid, SIGSTOP); };  // it never goes on
-  const auto began = std::chrono::steady_clock::now();
+  std::promise<void> sleeps;
+  rows.before = [&] {
+    ::kill(elsewhere.pid, SIGSTOP);  // it never goes on
+    sleeps.set_value();
+  };
+  std::chrono::steady_clock::time_point began;
   std::jthread later([&] {
+    sleeps.get_future().wait();
     std::this_thread::sleep_for(100ms);
+    began = std::chrono::steady_clock::now();
     stop.request_stop();
   });
   const auto done =
       image::encode_exr({64, 640, 64, true, kRgba, kNotes}, rows, sink, stop.get_token());
+  later.join();
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, proto::kCanceledCode);
   EXPECT_LT(std::chrono::steady_clock::now() - began, 1s * kSlowdown);

@@ -36,8 +36,9 @@ inline std::string status_of(pid_t pid, const std::string& name) {
 inline bool is_confined(pid_t pid) {
   std::istringstream lines(process_file(pid, "limits"));
   for (std::string line; std::getline(lines, line);)
-    if (line.starts_with("Max processes"))
-      return line.substr(26, line.find(' ', 26) - 26) == "0" && status_of(pid, "Seccomp") == "2";
+    if (line.starts_with("Max open files"))
+      return line.substr(26, line.find(' ', 26) - 26).size() <= 2 &&
+             status_of(pid, "Seccomp") == "2";
   return false;
 }
 
