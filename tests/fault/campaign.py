@@ -130,6 +130,7 @@ def campaign(options, service, tokens, data):
     health = prober.finish()
     left = settle(service, data, descriptors)
     after = service.rss()
+    tmp_left = len(list((data / "tmp").iterdir()))
 
     # And the service still does what it is for.
     last = service.post_job(scene, {**settings, "solver": {**settings["solver"], "seed": 77}}, headers=bearer)
@@ -140,7 +141,7 @@ def campaign(options, service, tokens, data):
         "seconds": round(seconds, 1), "wrong": wrong[:20], "health": health, "health_failures": prober.failures,
         "rss_before_mib": round(before / (1 << 20), 1), "rss_after_mib": round(after / (1 << 20), 1),
         "descriptors_before": descriptors, "descriptors_after": left,
-        "tmp_left": len(list((data / "tmp").iterdir())), "works_after": works and kept and service.alive()}
+        "tmp_left": tmp_left, "works_after": works and kept and service.alive()}
     growth = (after - before) / (1 << 20)
     failures = [text for bad, text in (
         (wrong, f"{len(wrong)} wrong answers: {wrong[:5]}"),
