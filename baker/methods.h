@@ -17,7 +17,7 @@ struct MethodMemory {
   double texel_complete = 0;  ///< per texel: what a pass that leaves complete light makes anew
 };
 
-/// A light-transport method. A new one is a row of methods(), and a row of proto::method_names().
+/// A light-transport method. A new one is a row of methods(), and a row of proto::kMethodNames.
 struct Method {
   proto::Method id;
   std::unique_ptr<solver::Solver> (*make)(const solver::World&);

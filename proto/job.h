@@ -18,11 +18,11 @@ enum class JobState {
   kCanceling,
   kSucceeded,
   kFailed,
-  kCancelled,  ///< "canceled" in JSON
+  kCanceled,  ///< "canceled" in JSON
 };
 
 constexpr bool is_terminal(JobState s) {
-  return s == JobState::kSucceeded || s == JobState::kFailed || s == JobState::kCancelled;
+  return s == JobState::kSucceeded || s == JobState::kFailed || s == JobState::kCanceled;
 }
 
 /// How far a running job is. `done`/`total` count the batches of the current pass.

@@ -21,7 +21,7 @@ constexpr std::array<std::pair<JobState, const char*>, 8> kStates{{
     {JobState::kCanceling, "canceling"},
     {JobState::kSucceeded, "succeeded"},
     {JobState::kFailed, "failed"},
-    {JobState::kCancelled, "canceled"},
+    {JobState::kCanceled, "canceled"},
 }};
 
 json text_or_null(const std::string& text) {

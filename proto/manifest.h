@@ -69,7 +69,7 @@ struct Statistics {
   std::vector<PassReport> passes;
 };
 
-/// Something in the input that was not honoured, or was changed.
+/// Something in the input that was not honored, or was changed.
 struct Warning {
   std::string code;     ///< stable: "alpha_ignored", "extension_ignored", ...
   std::string pointer;  ///< into the glTF, "" when none

@@ -7,7 +7,7 @@
 namespace kiln::proto {
 
 /// The known name that a misspelt one was most likely meant to be: fewest insertions, deletions,
-/// substitutions and swaps of neighbours, at most a third of its length (but at least 2). "" when
+/// substitutions and swaps of neighbors, at most a third of its length (but at least 2). "" when
 /// none is near.
 std::string nearest_name(std::string_view name, const std::vector<std::string_view>& known);
 

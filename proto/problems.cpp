@@ -10,7 +10,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"bad_document", 502, "A document of the service can't be read"},
       {"bad_request", 400, "The request can't be understood"},
       {"bake_timeout", 500, "The job took longer than the service allows"},
-      {"canceled", 409, "The job was cancelled"},
+      {"canceled", 409, "The job was canceled"},
       {"digest_mismatch", 422, "The content does not have the digest that was announced"},
       {"draining", 503, "The service is shutting down"},
       {"forbidden_origin", 403, "Web pages of other sites may not use the service"},

@@ -1,5 +1,7 @@
 #include "proto/text_codes.h"
 
+#include <openssl/evp.h>
+
 #include <array>
 #include <cstdint>
 
@@ -29,6 +31,21 @@ constexpr std::array<std::uint8_t, 256> make_base64_table() {
 constexpr auto kBase64 = make_base64_table();
 
 }  // namespace
+
+std::string base64_encode(std::string_view bytes) {
+  constexpr std::size_t kPiece = std::size_t{3} << 20;  // OpenSSL counts in int
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t at = 0; at < bytes.size(); at += kPiece) {
+    const std::string_view piece = bytes.substr(at, kPiece);
+    std::basic_string<unsigned char> out((piece.size() + 2) / 3 * 4 + 1, 0);  // and its zero
+    const int size =
+        EVP_EncodeBlock(out.data(), reinterpret_cast<const unsigned char*>(piece.data()),
+                        static_cast<int>(piece.size()));
+    text.append(out.begin(), out.begin() + size);
+  }
+  return text;
+}
 
 std::optional<std::string> base64_decode(std::string_view s) {
   for (int i = 0; i < 2 && !s.empty() && s.back() == '='; ++i) s.remove_suffix(1);
@@ -62,6 +79,22 @@ std::optional<std::string> percent_decode(std::string_view s, bool plus_is_space
     if (high < 0 || low < 0) return std::nullopt;
     out += static_cast<char>(high * 16 + low);
     i += 2;
+  }
+  return out;
+}
+
+std::string percent_encode(std::string_view text) {
+  constexpr std::string_view kUnreserved =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-._~";
+  constexpr std::string_view kDigits = "0123456789ABCDEF";
+  std::string out;
+  for (const char c : text) {
+    if (kUnreserved.find(c) != std::string_view::npos) {
+      out += c;
+      continue;
+    }
+    const auto byte = static_cast<unsigned char>(c);
+    out += {'%', kDigits[byte >> 4], kDigits[byte & 15]};
   }
   return out;
 }

@@ -19,6 +19,7 @@
 #include "proto/files.h"
 #include "server/auth/gate.h"
 #include "server/auth/token_store.h"
+#include "server/base/clock.h"
 #include "server/base/machine.h"
 #include "server/data/data_folder.h"
 #include "server/http/listen.h"
@@ -168,17 +169,13 @@ Finding wall_clock() {
   timex state{};
   const int kind = ::adjtimex(&state);
   const std::time_t now = std::time(nullptr);
-  std::array<char, 32> text{};
-  std::tm parts{};
-  ::gmtime_r(&now, &parts);
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &parts);
-  Finding f{"clock", Health::kOk, text.data(), ""};
+  Finding f{"clock", Health::kOk, base::now_rfc3339(), ""};
   if (now < kPlausible) {
     f.health = Health::kFail;
     f.advice = "The clock is wrong: times to live and tokens that expire depend on it.";
   } else if (kind == TIME_ERROR || (state.status & STA_UNSYNC) != 0) {
     f.health = Health::kWarn;
-    f.value += ", not synchronised";
+    f.value += ", not synchronized";
     f.advice =
         "Run chrony or systemd-timesyncd: times to live and webhook signatures use the clock.";
   }

@@ -8,6 +8,7 @@
 #include <optional>
 #include <thread>
 
+#include "server/api/admin.h"
 #include "server/base/idle_memory.h"
 #include "server/base/log.h"
 #include "server/base/machine.h"
@@ -69,7 +70,7 @@ jobs::JobLimits job_limits(const base::ServerConfig& config,
   return limits;
 }
 
-// What the configuration allows for an import, or what the machine has for it if that is less.
+// Returns what the configuration allows for an import, or what the machine has if that is less.
 std::uint64_t import_memory(const base::ServerConfig& config, const base::MemoryBudget* memory) {
   const std::uint64_t most = memory ? memory->for_import() : 0;  // 0: no limit
   return most > 0 ? std::min(most, config.import_memory_bytes) : config.import_memory_bytes;
@@ -83,7 +84,7 @@ struct Service::Impl {
         parts(std::move(p)),
         data(std::move(folder)),
         store(data.database(), [this](double seconds) { metrics.committed(seconds); }),
-        feeds(store),
+        feeds(store, [this](const base::EventRing* ring) { streams.notify(ring); }),
         tokens(data.tokens()),
         gate(tokens),
         scenes(data),
@@ -94,19 +95,28 @@ struct Service::Impl {
                  {webhooks::Networks::parse(config.webhook_networks).value(),
                   config.webhook_secrets, parts.webhook_limits, parts.webhook_delays},
                  [this](std::string_view outcome) { metrics.webhook(outcome); }),
-        feeds_hooked(hook_feeds()),
-        jobs(data, store, scenes, pool, parts.bake, job_limits(config, parts.memory),
-             sandbox::import_limits(config), &metrics),
-        janitor(data, store, scenes, uploads, jobs,
+        jobs({data, scenes, pool, parts.bake, sandbox::import_limits(config), &metrics}, store,
+             job_limits(config, parts.memory)),
+        janitor(data, store, scenes, uploads, jobs.control(),
                 jobs::Retention{std::chrono::seconds(config.leftover_ttl_seconds),
                                 config.max_data_bytes},
                 parts.sweep_interval),
-        api({config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, parts.check,
-             parts.watch_checks, pool.size(), import_memory(config, parts.memory.get())}),
+        api({config,
+             data,
+             store,
+             scenes,
+             jobs,
+             feeds,
+             webhooks,
+             uploads,
+             gate,
+             {parts.check, parts.watch_checks},
+             pool.size(),
+             import_memory(config, parts.memory.get())}),
         admin(api::admin_pages(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
-    idle_memory.emplace([this] { return jobs.counts().running == 0; });
-    jobs.on_event([this](const base::EventRing* ring) { streams.notify(ring); });
+    idle_memory.emplace([this] { return jobs.admission().counts().running == 0; });
+    jobs.notifier().on_event([this](const base::EventRing* ring) { streams.notify(ring); });
   }
 
   base::ServerConfig config;
@@ -122,10 +132,9 @@ struct Service::Impl {
   http::Loop loop;
   http::EventStreams streams;
   exec::ThreadPool pool;
-  // What is told of events stands before the first of them: jobs that an earlier process left run
-  // as soon as there is a JobService.
+  // Those who listen to events stand before the JobService: jobs that an earlier process left run
+  // as soon as there is one.
   webhooks::Webhooks webhooks;
-  const bool feeds_hooked;
   jobs::JobService jobs;
   jobs::Janitor janitor;
   api::Api api;
@@ -135,13 +144,8 @@ struct Service::Impl {
   std::unique_ptr<http::AdminServer> admin_server;
   std::optional<base::IdleMemory> idle_memory;  ///< asks the jobs
 
-  bool hook_feeds() {
-    feeds.on_event([this](const base::EventRing* ring) { streams.notify(ring); });
-    return true;
-  }
-
   std::string metrics_text() {
-    const jobs::JobService::Counts jobs_now = jobs.counts();
+    const jobs::Admission::Counts jobs_now = jobs.admission().counts();
     return metrics.text({jobs_now.queued, jobs_now.running, streams.streams(), store.deliveries(),
                          api_server->waiting(), api_server->uploads(), streams.dropped(),
                          data.bytes(), data.free_share(), api_server->connections(),
@@ -229,7 +233,7 @@ void Service::begin_drain() {
 }
 
 bool Service::wait_idle(std::chrono::milliseconds time) {
-  return impl_->jobs.wait_idle(time);
+  return impl_->jobs.admission().wait_idle(time);
 }
 
 void Service::stop(std::chrono::milliseconds grace) {

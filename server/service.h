@@ -14,7 +14,8 @@
 
 namespace kiln::server {
 
-/// What a service runs on: the baker, or stand-ins for tests, and limits that only tests change.
+/// The parts that a service runs on: the baker, or stand-ins for tests, and limits that only tests
+/// change.
 struct ServiceParts {
   jobs::BakeFunction bake;
   api::CheckFunction check;

@@ -1,9 +1,12 @@
+#include "server/api/events.h"
+
 #include <charconv>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "proto/json.h"
-#include "server/api/api.h"
+#include "server/api/jobs.h"
+#include "server/api/request.h"
 #include "server/http/event_streams.h"
 #include "server/http/problem.h"
 
@@ -37,13 +40,13 @@ constexpr const char* kIntro = "retry: 2000\n\n";
 
 }  // namespace
 
-http::Response Api::get_events(http::Request& request) {
-  auto job = find_job(request);
+http::Response get_events(const Events& part, http::Request& request) {
+  auto job = find_job(part.lookup, request);
   if (!job) return problem(job.error(), request);
   auto given = last_seen_event(request);
   if (!given) return problem(given.error(), request);
   const std::uint64_t last_seen = given->value_or(0);
-  const auto ring = parts_.jobs.events(job->id);
+  const auto ring = part.lookup.events(job->id);
   if (!ring) return problem({"not_found", "There is no job " + job->id + ".", {}}, request);
   const base::EventRing::Tail tail = ring->after(last_seen);
   if (tail.ended && tail.complete && tail.events.empty()) {
@@ -54,7 +57,7 @@ http::Response Api::get_events(http::Request& request) {
   http::StreamContent stream{ring, last_seen, kIntro};
   if (!tail.complete) {
     // Read after the ring: the snapshot holds at least what its id promises.
-    auto now = parts_.jobs.get(job->id);
+    auto now = part.lookup.get(job->id);
     if (!now) return problem(now.error(), request);
     stream.intro += http::sse_text({tail.last, "snapshot", proto::to_text(proto::to_json(*now))});
     // job.end comes in any case: where it is the last event, it follows the snapshot.
@@ -64,19 +67,19 @@ http::Response Api::get_events(http::Request& request) {
   return stream_response(std::move(stream));
 }
 
-// Of all jobs that the client may see. Begins with a snapshot of those that are not over, unless it
-// goes on after an event that is known.
-http::Response Api::get_all_events(http::Request& request) {
+// Streams the events of all jobs that the client may see. The stream begins with a snapshot of
+// those that are not over, unless it goes on after an event that is known.
+http::Response get_all_events(const Events& part, http::Request& request) {
   auto last_seen = last_seen_event(request);
   if (!last_seen) return problem(last_seen.error(), request);
   const base::Principal& client = request.principal;
   const auto tenant = client.admin ? std::nullopt : std::optional(client.tenant);
-  const auto ring = parts_.feeds.of(tenant);
+  const auto ring = part.feeds.of(tenant);
   const base::EventRing::Tail tail = ring->after(last_seen->value_or(0), 0);
   http::StreamContent stream{ring, last_seen->value_or(0), kIntro};
   if (!*last_seen || !tail.complete) {
     auto jobs = nlohmann::json::array();
-    for (const auto& job : parts_.jobs.unfinished(tenant))
+    for (const auto& job : part.lookup.unfinished(tenant))
       jobs.push_back({{"id", job.id},
                       {"state", proto::to_string(job.state)},
                       {"attempt", job.attempt},

@@ -54,7 +54,7 @@ json closed(json properties) {
 
 json states() {
   json all = json::array();
-  for (int i = 0; i <= static_cast<int>(proto::JobState::kCancelled); ++i)
+  for (int i = 0; i <= static_cast<int>(proto::JobState::kCanceled); ++i)
     all.push_back(proto::to_string(static_cast<proto::JobState>(i)));
   return {{"type", "string"}, {"enum", std::move(all)}};
 }

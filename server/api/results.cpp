@@ -1,3 +1,5 @@
+#include "server/api/results.h"
+
 #include <fcntl.h>
 
 #include <charconv>
@@ -8,7 +10,8 @@
 #include "baker/output/post.h"
 #include "proto/json.h"
 #include "proto/sha256.h"
-#include "server/api/api.h"
+#include "server/api/jobs.h"
+#include "server/api/request.h"
 #include "server/api/zip.h"
 #include "server/base/ids.h"
 #include "server/http/conditional.h"
@@ -22,12 +25,6 @@ using proto::Expected;
 using proto::fail;
 
 constexpr std::uint64_t kMaxManifestBytes = 256ull << 20;
-
-http::Response not_modified(const std::string& etag) {
-  http::Response response;
-  response.status = 304;
-  return response.header("ETag", etag);
-}
 
 http::Response unsatisfiable(std::uint64_t size, const http::Request& request) {
   const proto::Error error{
@@ -75,47 +72,19 @@ proto::Expected<std::optional<float>> query_exposure(const http::Request& reques
   return value;
 }
 
-}  // namespace
-
-proto::Expected<proto::Job> Api::find_finished(const http::Request& request) const {
-  auto job = find_job(request);
+proto::Expected<proto::Job> find_finished(const Results& part, const http::Request& request) {
+  auto job = find_job(part.lookup, request);
   if (!job || job->state == proto::JobState::kSucceeded) return job;
   // A bake that was canceled with `drain` has the light of its passes.
-  if (job->state == proto::JobState::kCancelled && !parts_.jobs.results(job->id).empty())
-    return job;
+  if (job->state == proto::JobState::kCanceled && !part.lookup.results(job->id).empty()) return job;
   if (!proto::is_terminal(job->state))
     return proto::fail("result_not_ready", "Job " + job->id + " is not over yet.");
   return proto::fail(
       "not_found", "Job " + job->id + " " + proto::to_string(job->state) + ": it has no results.");
 }
 
-http::Response Api::get_results(http::Request& request) {
-  auto job = find_finished(request);
-  if (!job) return problem(job.error(), request);
-  auto text = proto::read_file(parts_.data.results(job->id) / "manifest.json", kMaxManifestBytes);
-  if (!text) return problem(text.error(), request);
-  auto manifest = proto::parse_json(*text, "manifest");
-  if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
-  auto files = nlohmann::json::array();
-  std::string etag;
-  for (const auto& file : parts_.jobs.results(job->id)) {
-    files.push_back({{"name", file.name},
-                     {"media_type", file.media_type},
-                     {"bytes", file.bytes},
-                     {"sha256", file.sha256},
-                     {"href", "/v1/jobs/" + job->id + "/results/" + file.name}});
-    if (file.name == "manifest.json") etag = "\"" + file.sha256 + "-list\"";
-  }
-  if (const auto* known = request.head.header("if-none-match");
-      known && http::matches_etag(*known, etag))
-    return not_modified(etag);
-  (*manifest)["files"] = std::move(files);
-  return http::json_response(200, *manifest).header("ETag", etag);
-}
-
 // The log of a job without results: one that runs or failed. Nothing: there is none yet.
-static std::optional<http::Response> log_response(const data::DataFolder& data,
-                                                  const std::string& id) {
+std::optional<http::Response> log_response(const data::DataFolder& data, const std::string& id) {
   auto text = proto::read_file(jobs::JobLog::path(data, id), jobs::JobLog::kMaxBytes);
   if (!text) return std::nullopt;
   http::Response response;
@@ -125,64 +94,18 @@ static std::optional<http::Response> log_response(const data::DataFolder& data,
   return response;
 }
 
-http::Response Api::get_result(http::Request& request) {
-  auto job = find_finished(request);
-  if (!job && request.parameters.at(1) == "log.txt")
-    if (const auto any = find_job(request))
-      if (auto log = log_response(parts_.data, any->id)) return std::move(*log);
-  if (!job) return problem(job.error(), request);
-  const std::string& name = request.parameters.at(1);
-  // Only names that the store lists are ever turned into a path.
-  const auto files = parts_.jobs.results(job->id);
-  const auto found = std::find_if(files.begin(), files.end(),
-                                  [&](const proto::ResultFile& f) { return f.name == name; });
-  if (found == files.end())
-    return problem({"not_found", "Job " + job->id + " has no result " + name + ".", {}}, request);
-
-  auto file = open_result(job->id, *found);
-  if (!file) return problem(file.error(), request);
-  http::Response response =
-      content_response(request, "\"" + found->sha256 + "\"",
-                       {http::ContentPart::of(std::move(*file), found->bytes)});
-  if (response.status >= 300) return response;
-  response.content_type = found->media_type;
-  const bool shown =
-      found->media_type.starts_with("image/png") || found->media_type.starts_with("text/plain");
-  return response.header("Content-Disposition", std::string(shown ? "inline" : "attachment") +
-                                                    "; filename=\"" + name + "\"");
-}
-
-proto::Expected<std::shared_ptr<const proto::Fd>> Api::open_result(
-    const std::string& id, const proto::ResultFile& file) const {
-  const auto path = parts_.data.results(id) / file.name;
+proto::Expected<std::shared_ptr<const proto::Fd>> open_result(const data::DataFolder& data,
+                                                              const std::string& id,
+                                                              const proto::ResultFile& file) {
+  const auto path = data.results(id) / file.name;
   auto fd = std::make_shared<const proto::Fd>(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd->valid()) return proto::storage_error("open", path);
   return fd;
 }
 
-// All files in one answer. The name of the whole follows from the names and digests of its parts.
-http::Response Api::get_results_zip(http::Request& request) {
-  auto job = find_finished(request);
-  if (!job) return problem(job.error(), request);
-  std::vector<ZipEntry> entries;
-  proto::Sha256 identity;
-  for (const auto& result : parts_.jobs.results(job->id)) {
-    auto file = open_result(job->id, result);
-    if (!file) return problem(file.error(), request);
-    entries.push_back({result.name, std::move(*file), result.bytes});
-    identity.update(result.name + "\n" + result.sha256 + "\n");
-  }
-  auto archive = zip_of(entries);
-  if (!archive) return problem(archive.error(), request);
-  http::Response response = content_response(request, "\"" + identity.hex() + "\"", *archive);
-  if (response.status >= 300) return response;
-  response.content_type = "application/zip";
-  return response.header("Content-Disposition", "attachment; filename=\"" + job->id + ".zip\"");
-}
-
-// A page of the running bake's latest pass, or of the finished result, as PNG bytes.
-Expected<std::string> Api::render_preview(const http::Request& request, const proto::Job& job,
-                                          const baker::Snapshot& snapshot) {
+// Returns a page of the running bake's latest pass, or of the finished result, as PNG bytes.
+Expected<std::string> render_preview(const Results& part, const http::Request& request,
+                                     const proto::Job& job, const baker::Snapshot& snapshot) {
   auto page = query_number(request, "page", UINT32_MAX);
   if (!page) return proto::Unexpected(page.error());
   auto exposure = query_exposure(request);
@@ -200,10 +123,10 @@ Expected<std::string> Api::render_preview(const http::Request& request, const pr
         [&](std::uint32_t t) { return snapshot.light->irradiance(t); }, job.settings.post.dilate);
   } else {
     const std::string name = exr_name(number);
-    const auto files = parts_.jobs.results(job.id);
+    const auto files = part.lookup.results(job.id);
     if (std::none_of(files.begin(), files.end(), [&](const auto& f) { return f.name == name; }))
       return no_page();
-    auto read = image::read_exr(parts_.data.results(job.id) / name);
+    auto read = image::read_exr(part.data.results(job.id) / name);
     if (!read) return proto::Unexpected(read.error());
     image = std::move(*read);
   }
@@ -212,33 +135,99 @@ Expected<std::string> Api::render_preview(const http::Request& request, const pr
   return image::encode_png(output::tone_map(image, scale), image.width, image.height);
 }
 
-http::Response Api::get_preview(http::Request& request) {
-  auto job = find_job(request);
+}  // namespace
+
+http::Response get_results(const Results& part, http::Request& request) {
+  auto job = find_finished(part, request);
+  if (!job) return problem(job.error(), request);
+  auto text = proto::read_file(part.data.results(job->id) / "manifest.json", kMaxManifestBytes);
+  if (!text) return problem(text.error(), request);
+  auto manifest = proto::parse_json(*text, "manifest");
+  if (!manifest) return problem({"internal", "The manifest can't be read.", {}}, request);
+  auto files = nlohmann::json::array();
+  std::string etag;
+  for (const auto& file : part.lookup.results(job->id)) {
+    files.push_back({{"name", file.name},
+                     {"media_type", file.media_type},
+                     {"bytes", file.bytes},
+                     {"sha256", file.sha256},
+                     {"href", "/v1/jobs/" + job->id + "/results/" + file.name}});
+    if (file.name == "manifest.json") etag = "\"" + file.sha256 + "-list\"";
+  }
+  if (client_has(request, etag)) return not_modified(etag);
+  (*manifest)["files"] = std::move(files);
+  return http::json_response(200, *manifest).header("ETag", etag);
+}
+
+http::Response get_result(const Results& part, http::Request& request) {
+  auto job = find_finished(part, request);
+  if (!job && request.parameters.at(1) == "log.txt")
+    if (const auto any = find_job(part.lookup, request))
+      if (auto log = log_response(part.data, any->id)) return std::move(*log);
+  if (!job) return problem(job.error(), request);
+  const std::string& name = request.parameters.at(1);
+  // Only names that the store lists are ever turned into a path.
+  const auto files = part.lookup.results(job->id);
+  const auto found = std::find_if(files.begin(), files.end(),
+                                  [&](const proto::ResultFile& f) { return f.name == name; });
+  if (found == files.end())
+    return problem({"not_found", "Job " + job->id + " has no result " + name + ".", {}}, request);
+
+  auto file = open_result(part.data, job->id, *found);
+  if (!file) return problem(file.error(), request);
+  http::Response response =
+      content_response(request, "\"" + found->sha256 + "\"",
+                       {http::ContentPart::of(std::move(*file), found->bytes)});
+  if (response.status >= 300) return response;
+  response.content_type = found->media_type;
+  const bool shown =
+      found->media_type.starts_with("image/png") || found->media_type.starts_with("text/plain");
+  return response.header("Content-Disposition", std::string(shown ? "inline" : "attachment") +
+                                                    "; filename=\"" + name + "\"");
+}
+
+// All files in one answer. The name of the whole follows from the names and digests of its parts.
+http::Response get_results_zip(const Results& part, http::Request& request) {
+  auto job = find_finished(part, request);
+  if (!job) return problem(job.error(), request);
+  std::vector<ZipEntry> entries;
+  proto::Sha256 identity;
+  for (const auto& result : part.lookup.results(job->id)) {
+    auto file = open_result(part.data, job->id, result);
+    if (!file) return problem(file.error(), request);
+    entries.push_back({result.name, std::move(*file), result.bytes});
+    identity.update(result.name + "\n" + result.sha256 + "\n");
+  }
+  auto archive = zip_of(entries);
+  if (!archive) return problem(archive.error(), request);
+  http::Response response = content_response(request, "\"" + identity.hex() + "\"", *archive);
+  if (response.status >= 300) return response;
+  response.content_type = "application/zip";
+  return response.header("Content-Disposition", "attachment; filename=\"" + job->id + ".zip\"");
+}
+
+http::Response get_preview(const Results& part, http::Request& request) {
+  auto job = find_job(part.lookup, request);
   if (!job) return problem(job.error(), request);
   if (const auto* pass = request.head.query_value("pass"); pass && *pass != "latest")
     return problem({"bad_request",
                     "Only pass=latest can be had.",
                     {{"request", "/query/pass", "not `latest`"}}},
                    request);
-  const baker::Snapshot snapshot = parts_.jobs.snapshot(job->id);
+  const baker::Snapshot snapshot = part.lookup.snapshot(job->id);
   if (!snapshot.light) {
     // The job may have ended between the two looks.
-    if (auto finished = find_finished(request); !finished)
+    if (auto finished = find_finished(part, request); !finished)
       return problem(finished.error(), request);
   }
   // The attempt and pass name the picture; the query that goes with it is part of the URL.
   const std::string etag = "\"" + std::to_string(job->attempt) + "-" +
                            (snapshot.light ? std::to_string(snapshot.pass) : "final") + "\"";
-  if (const auto* known = request.head.header("if-none-match");
-      known && http::matches_etag(*known, etag))
-    return not_modified(etag);
-  if (!previews_.try_acquire_for(std::chrono::seconds(5)))
+  if (client_has(request, etag)) return not_modified(etag);
+  if (!part.previews.try_acquire_for(std::chrono::seconds(5)))
     return problem({"overloaded", "Too many previews are being made.", {}}, request);
-  const struct Release {
-    std::counting_semaphore<>& slots;
-    ~Release() { slots.release(); }
-  } release{previews_};
-  auto png = render_preview(request, *job, snapshot);
+  const Slot slot(part.previews);
+  auto png = render_preview(part, request, *job, snapshot);
   if (!png) return problem(png.error(), request);
   http::Response response;
   response.content_type = "image/png";

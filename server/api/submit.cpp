@@ -1,35 +1,28 @@
+#include "server/api/submit.h"
+
 #include <algorithm>
 #include <charconv>
+#include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
 
 #include "proto/json.h"
-#include "server/api/api.h"
+#include "proto/sha256.h"
+#include "server/api/jobs.h"
+#include "server/api/request.h"
 #include "server/http/problem.h"
 
 namespace kiln::api {
 namespace {
 
-constexpr std::size_t kMaxIdempotencyKey = 255;
-
-proto::Unexpected refuse(const char* pointer, const std::string& what) {
-  return proto::fail("invalid_request", what, "request", pointer);
-}
-
-}  // namespace
-
-proto::Expected<std::string> idempotency_key(const http::Request& request) {
-  const std::string* key = request.head.header("idempotency-key");
-  if (!key) return std::string();
-  const bool fits =
-      !key->empty() && key->size() <= kMaxIdempotencyKey &&
-      std::all_of(key->begin(), key->end(), [](char c) { return c > ' ' && c <= '~'; });
-  if (fits) return *key;
-  return proto::fail("bad_request",
-                     "The Idempotency-Key has to be 1 to 255 visible ASCII characters.", "request",
-                     "/headers/idempotency-key");
-}
-
-namespace {
+/// A job as it was asked for: of a scene that is stored, or of one that came along.
+struct JobRequest {
+  jobs::Submission job;
+  std::optional<data::SceneUpload> upload;
+  files::SceneFiles files() const { return upload ? upload->files() : job.scene.files; }
+};
+using JobRequestAnswer = std::function<http::Response(http::Request&, proto::Expected<JobRequest>)>;
 
 // The seconds of `Prefer: wait=30` (RFC 7240), at most as long as any request may wait; 0: none.
 std::chrono::seconds preferred_wait(const http::Request& request) {
@@ -60,28 +53,9 @@ std::string scene_key(const nlohmann::json& document) {
   return name.substr(kPrefix.size());
 }
 
-}  // namespace
-
-http::Response Api::receive_json_object(http::Request& request, JsonAnswer answer) {
-  const auto parse = [](const std::string& text) -> proto::Expected<std::optional<nlohmann::json>> {
-    if (text.empty()) return std::nullopt;
-    auto document = proto::parse_json(text, "request");
-    if (!document) return proto::Unexpected(document.error());
-    if (!document->is_object()) return refuse("", "The body has to be a JSON object.");
-    return std::move(*document);
-  };
-  return receive_text(
-      request, parts_.data, parts_.config.max_request_json_bytes,
-      [parse, answer = std::move(answer)](http::Request& again, proto::Expected<std::string> text) {
-        if (!text) return problem(text.error(), again);
-        const auto document = parse(*text);
-        return document ? answer(again, *document) : problem(document.error(), again);
-      });
-}
-
-// {"scene": "sha256:...", "settings": {...}, and options}
-proto::Expected<Api::JobRequest> Api::read_json_job(const http::Request& request,
-                                                    nlohmann::json document) {
+// Reads {"scene": "sha256:...", "settings": {...}, and options}.
+proto::Expected<JobRequest> read_json_job(const Scenes& scenes, const http::Request& request,
+                                          const nlohmann::json& document) {
   JobRequest asked;
   jobs::Submission& job = asked.job;
   nlohmann::json options = document;
@@ -92,11 +66,12 @@ proto::Expected<Api::JobRequest> Api::read_json_job(const http::Request& request
   job.options = std::move(*parsed);
   const std::string key = scene_key(document);
   if (key.empty())
-    return refuse("/scene",
-                  "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
-                  "POST /v1/scenes answered.");
-  if (auto ok = check_owner(request, key); !ok) return proto::Unexpected(ok.error());
-  auto scene = parts_.scenes.use(key);
+    return proto::fail("invalid_request",
+                       "`scene` has to be \"sha256:\" and 64 hexadecimal digits, as "
+                       "POST /v1/scenes answered.",
+                       "request", "/scene");
+  if (auto ok = check_owner(scenes, request, key); !ok) return proto::Unexpected(ok.error());
+  auto scene = scenes.scenes.use(key);
   if (!scene) return proto::Unexpected(scene.error());
   job.scene = std::move(*scene);
   if (const auto given = document.find("settings"); given != document.end()) {
@@ -106,8 +81,6 @@ proto::Expected<Api::JobRequest> Api::read_json_job(const http::Request& request
   }
   return asked;
 }
-
-namespace {
 
 proto::Expected<void> read_parts(const Upload& upload, jobs::Submission& job) {
   auto settings = proto::parse_settings(upload.settings.value_or(""));
@@ -122,17 +95,17 @@ proto::Expected<void> read_parts(const Upload& upload, jobs::Submission& job) {
   return {};
 }
 
-}  // namespace
-
-http::Response Api::receive_job_request(http::Request& request, JobRequestAnswer answer) {
+http::Response receive_job_request(const Scenes& scenes, http::Request& request,
+                                   JobRequestAnswer answer) {
   if (media_type(request.head) == "application/json")
     return receive_json_object(
-        request, [this, answer = std::move(answer)](http::Request& again, const auto& document) {
-          return answer(again, read_json_job(again, document.value_or(nlohmann::json::object())));
+        request, scenes.intake,
+        [&scenes, answer = std::move(answer)](http::Request& again, const auto& document) {
+          return answer(again,
+                        read_json_job(scenes, again, document.value_or(nlohmann::json::object())));
         });
   return receive_upload(
-      request, parts_.data, {parts_.config.max_upload_bytes, parts_.config.max_request_json_bytes},
-      /*for_job=*/true,
+      request, scenes.intake, /*for_job=*/true,
       [answer = std::move(answer)](http::Request& again, proto::Expected<Upload> upload) {
         if (!upload) return answer(again, proto::Unexpected(upload.error()));
         JobRequest asked;
@@ -143,78 +116,55 @@ http::Response Api::receive_job_request(http::Request& request, JobRequestAnswer
       });
 }
 
-http::Response Api::answer_when_checked(http::Request& request, const files::SceneFiles& files,
-                                        const proto::BakeSettings& settings, CheckAnswer answer) {
-  constexpr auto kPatience = std::chrono::seconds(30);
-  return answer_when_checked(request, files, settings, std::move(answer),
-                             std::chrono::steady_clock::now() + kPatience);
-}
-
-http::Response Api::answer_when_checked(http::Request& request, const files::SceneFiles& files,
-                                        const proto::BakeSettings& settings, CheckAnswer answer,
-                                        std::chrono::steady_clock::time_point until) {
-  // Who finds the line full asks again when it has moved; who missed that, after a while.
-  constexpr auto kAskAgain = std::chrono::milliseconds(100);
-  const auto checked = parts_.check(files, settings);
-  const auto now = std::chrono::steady_clock::now();
-  if (checked || checked.error().code != "overloaded" || now >= until)
-    return answer(request, checked);
-  http::Response response;
-  response.deferred = http::Deferred{
-      std::min(until, now + kAskAgain),
-      [this](std::function<void()> wake) {
-        return parts_.watch_checks ? parts_.watch_checks(std::move(wake)) : nullptr;
-      },
-      [this, files, settings, answer = std::move(answer), until](http::Request& again) {
-        return answer_when_checked(again, files, settings, answer, until);
-      }};
-  return response;
-}
-
-http::Response Api::post_job(http::Request& request) {
-  auto key = idempotency_key(request);
-  if (!key) return problem(key.error(), request);
-  if (auto open = parts_.jobs.accepting(request.principal.tenant, *key); !open)
-    return problem(open.error(), request);
-  return receive_job_request(request, [this, key = *key](http::Request& again,
-                                                         proto::Expected<JobRequest> asked) {
-    return asked ? check_and_submit(again, std::move(*asked), key) : problem(asked.error(), again);
-  });
-}
-
-http::Response Api::check_and_submit(http::Request& request, JobRequest asked,
-                                     const std::string& key) {
-  jobs::Submission& job = asked.job;
-  if (const auto& hook = job.options.webhook)
-    if (auto ok = parts_.webhooks.check(*hook, request.principal.tenant); !ok)
-      return problem(ok.error(), request);
-  job.tenant = request.principal.tenant;
-  job.idempotency_key = key;
-  const auto kept = std::make_shared<JobRequest>(std::move(asked));
-  const auto answer = [this, kept](http::Request& again, const proto::Expected<void>& checked) {
-    return checked ? submit(again, *kept) : problem(checked.error(), again);
-  };
-  return answer_when_checked(request, kept->files(), kept->job.settings, answer);
-}
-
-http::Response Api::submit(http::Request& request, JobRequest& asked) {
+http::Response submit(const Submit& part, http::Request& request, JobRequest& asked) {
   if (asked.upload) {
-    auto put = put_scene(request, std::move(*asked.upload));
+    auto put = put_scene(part.scenes, request, std::move(*asked.upload));
     if (!put) return problem(put.error(), request);
     asked.job.scene = std::move(put->scene);
   }
-  auto submitted = parts_.jobs.submit(asked.job);
+  auto submitted = part.submitter.submit(asked.job);
   if (!submitted) return problem(submitted.error(), request);
   const auto patience = preferred_wait(request);
-  const auto answer = [this, patience, replayed = submitted->replayed](http::Request&,
-                                                                       const proto::Job& job) {
-    http::Response response = job_response(proto::is_terminal(job.state) ? 200 : 202, job);
+  const auto answer = [&part, patience, replayed = submitted->replayed](http::Request&,
+                                                                        const proto::Job& job) {
+    http::Response response =
+        job_response(part.lookup, proto::is_terminal(job.state) ? 200 : 202, job);
     if (patience.count() > 0)
       response.header("Preference-Applied", "wait=" + std::to_string(patience.count()));
     if (replayed) response.header("Idempotent-Replayed", "true");
     return response.header("Location", "/v1/jobs/" + job.id);
   };
-  return answer_when_moved(request, submitted->job, patience, std::nullopt, answer);
+  return answer_when_moved(part.lookup, request, submitted->job, patience, std::nullopt, answer);
+}
+
+http::Response check_and_submit(const Submit& part, http::Request& request, JobRequest asked,
+                                const std::string& key) {
+  jobs::Submission& job = asked.job;
+  if (const auto& hook = job.options.webhook)
+    if (auto ok = part.webhooks.check(*hook, request.principal.tenant); !ok)
+      return problem(ok.error(), request);
+  job.tenant = request.principal.tenant;
+  job.idempotency_key = key;
+  const auto kept = std::make_shared<JobRequest>(std::move(asked));
+  const auto answer = [&part, kept](http::Request& again, const proto::Expected<void>& checked) {
+    return checked ? submit(part, again, *kept) : problem(checked.error(), again);
+  };
+  return answer_when_checked(part.scenes.check, request, kept->files(), kept->job.settings, answer);
+}
+
+}  // namespace
+
+http::Response post_job(const Submit& part, http::Request& request) {
+  auto key = idempotency_key(request);
+  if (!key) return problem(key.error(), request);
+  if (auto open = part.submitter.accepting(request.principal.tenant, *key); !open)
+    return problem(open.error(), request);
+  return receive_job_request(
+      part.scenes, request,
+      [&part, key = *key](http::Request& again, proto::Expected<JobRequest> asked) {
+        return asked ? check_and_submit(part, again, std::move(*asked), key)
+                     : problem(asked.error(), again);
+      });
 }
 
 }  // namespace kiln::api

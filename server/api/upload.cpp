@@ -76,9 +76,8 @@ Expected<void> check_encoding(const http::RequestHead& head) {
 /// Sorts the parts of one multipart body into scene, side files and texts.
 class UploadReceiver::Parts {
  public:
-  Parts(data::SceneUpload scene, const data::DataFolder& data, const UploadLimits& limits,
-        bool for_job)
-      : scene_(std::move(scene)), data_(data), limits_(limits), for_job_(for_job) {}
+  Parts(data::SceneUpload scene, const Intake& intake, bool for_job)
+      : scene_(std::move(scene)), intake_(intake), for_job_(for_job) {}
 
   Expected<void> begin(const http::PartHead& part) {
     const std::string pointer = "/" + part.name;
@@ -88,7 +87,7 @@ class UploadReceiver::Parts {
     if (for_job_ && (part.name == "settings" || part.name == "options")) {
       auto& text = part.name == "settings" ? settings_ : options_;
       if (text) return refuse("There are two `" + part.name + "` parts.");
-      text_ = &text.emplace(data_);
+      text_ = &text.emplace(intake_.data);
       return {};
     }
     name_.clear();
@@ -113,9 +112,9 @@ class UploadReceiver::Parts {
 
   Expected<void> data(std::string_view bytes) {
     if (text_ == nullptr) return file_->write(bytes);
-    if (text_->size() + bytes.size() > limits_.json_bytes)
+    if (text_->size() + bytes.size() > intake_.limits.json_bytes)
       return fail("payload_too_large", "A JSON part is over the limit of " +
-                                           std::to_string(limits_.json_bytes) + " bytes.");
+                                           std::to_string(intake_.limits.json_bytes) + " bytes.");
     return text_->add(bytes);
   }
 
@@ -150,8 +149,7 @@ class UploadReceiver::Parts {
  private:
   data::SceneUpload scene_;
   std::optional<TextSpool> settings_, options_;
-  const data::DataFolder& data_;
-  const UploadLimits limits_;
+  const Intake intake_;
   const bool for_job_;
   TextSpool* text_ = nullptr;  ///< of the part that is being read, if it is no file
   bool is_main_ = false;
@@ -180,8 +178,7 @@ UploadReceiver::UploadReceiver(std::unique_ptr<Parts> parts,
 UploadReceiver::~UploadReceiver() = default;
 
 Expected<std::shared_ptr<UploadReceiver>> UploadReceiver::begin(const http::RequestHead& head,
-                                                                const data::DataFolder& data,
-                                                                const UploadLimits& limits,
+                                                                const Intake& intake,
                                                                 bool for_job) {
   if (auto ok = check_encoding(head); !ok) return proto::Unexpected(ok.error());
   const std::string type = media_type(head);
@@ -195,9 +192,9 @@ Expected<std::shared_ptr<UploadReceiver>> UploadReceiver::begin(const http::Requ
     boundary = http::multipart_boundary(*head.header("content-type"));
     if (!boundary) return fail("bad_request", "The multipart body has no usable boundary.");
   }
-  auto folder = data::SceneUpload::create(data);
+  auto folder = data::SceneUpload::create(intake.data);
   if (!folder) return proto::Unexpected(folder.error());
-  auto parts = std::make_unique<Parts>(std::move(*folder), data, limits, for_job);
+  auto parts = std::make_unique<Parts>(std::move(*folder), intake, for_job);
   std::optional<http::MultipartReader> reader;
   if (boundary)
     reader.emplace(
@@ -220,13 +217,13 @@ Expected<Upload> UploadReceiver::finish() {
   return parts_->finish();
 }
 
-http::Response receive_upload(http::Request& request, const data::DataFolder& data,
-                              const UploadLimits& limits, bool for_job, UploadAnswer answer) {
-  auto begun = UploadReceiver::begin(request.head, data, limits, for_job);
+http::Response receive_upload(http::Request& request, const Intake& intake, bool for_job,
+                              UploadAnswer answer) {
+  auto begun = UploadReceiver::begin(request.head, intake, for_job);
   if (!begun) return answer(request, proto::Unexpected(begun.error()));
   http::Response response;
   response.receive = http::Receive{
-      limits.body_bytes, [to = *begun](std::string_view bytes) { return to->take(bytes); },
+      intake.limits.body_bytes, [to = *begun](std::string_view bytes) { return to->take(bytes); },
       [from = *begun, answer = std::move(answer)](http::Request& again,
                                                   const Expected<void>& received) {
         return answer(again, received ? from->finish() : proto::Unexpected(received.error()));
@@ -234,14 +231,13 @@ http::Response receive_upload(http::Request& request, const data::DataFolder& da
   return response;
 }
 
-http::Response receive_text(http::Request& request, const data::DataFolder& data,
-                            std::uint64_t max_bytes, TextAnswer answer) {
+http::Response receive_text(http::Request& request, const Intake& intake, TextAnswer answer) {
   if (auto ok = check_encoding(request.head); !ok)
     return answer(request, proto::Unexpected(ok.error()));
-  const auto text = std::make_shared<TextSpool>(data);
+  const auto text = std::make_shared<TextSpool>(intake.data);
   http::Response response;
   response.receive = http::Receive{
-      max_bytes, [text](std::string_view bytes) { return text->add(bytes); },
+      intake.limits.json_bytes, [text](std::string_view bytes) { return text->add(bytes); },
       [text, answer = std::move(answer)](http::Request& again, const Expected<void>& received) {
         return answer(again, received ? text->text() : proto::Unexpected(received.error()));
       }};

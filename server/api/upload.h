@@ -20,7 +20,13 @@ struct UploadLimits {
   std::uint64_t json_bytes = 4ull << 20;
 };
 
-/// What a client sent: files in tmp/, and the text of its `settings` and `options` parts.
+/// The parts that bodies are received with.
+struct Intake {
+  const data::DataFolder& data;
+  UploadLimits limits;
+};
+
+/// A scene as a client sent it: files in tmp/, and the text of its `settings` and `options` parts.
 struct Upload {
   data::SceneUpload scene;
   std::optional<std::string> settings, options;
@@ -33,8 +39,7 @@ class UploadReceiver {
  public:
   /// Judges the head. Errors: `unsupported_media_type`, `bad_request`, `storage_full`, `io_error`.
   static proto::Expected<std::shared_ptr<UploadReceiver>> begin(const http::RequestHead&,
-                                                                const data::DataFolder&,
-                                                                const UploadLimits&, bool for_job);
+                                                                const Intake&, bool for_job);
   ~UploadReceiver();
   /// Takes the next piece of the body. Errors: `payload_too_large`, `bad_request`,
   /// `invalid_request`, `storage_full`, `io_error`.
@@ -52,14 +57,13 @@ class UploadReceiver {
 /// The response that receives a scene, then answers with what came of it: an UploadReceiver's
 /// errors and those of Receive.
 using UploadAnswer = std::function<http::Response(http::Request&, proto::Expected<Upload>)>;
-http::Response receive_upload(http::Request&, const data::DataFolder&, const UploadLimits&,
-                              bool for_job, UploadAnswer);
+http::Response receive_upload(http::Request&, const Intake&, bool for_job, UploadAnswer);
 
-/// The same with a body of text. What is long lies on the disk until it is whole. Errors:
-/// `unsupported_media_type`, `storage_full`, `io_error`, and those of Receive.
+/// The response that receives a body of text, within limits.json_bytes. What is long lies on the
+/// disk until it is whole. Errors: `unsupported_media_type`, `storage_full`, `io_error`, and those
+/// of Receive.
 using TextAnswer = std::function<http::Response(http::Request&, proto::Expected<std::string>)>;
-http::Response receive_text(http::Request&, const data::DataFolder&, std::uint64_t max_bytes,
-                            TextAnswer);
+http::Response receive_text(http::Request&, const Intake&, TextAnswer);
 
 /// Whether a scene can be sent as this media type.
 bool is_scene_type(const std::string& media_type);

@@ -8,7 +8,7 @@
 namespace kiln::auth {
 namespace {
 
-// What follows "Bearer "; nothing when the header is of another scheme.
+// Returns what follows "Bearer "; nothing when the header is of another scheme.
 std::optional<std::string_view> bearer(const http::RequestHead& head) {
   const std::string* header = head.header("authorization");
   if (!header) return std::nullopt;

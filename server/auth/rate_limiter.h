@@ -26,7 +26,7 @@ class RateLimiter {
   };
   /// Counts a request, unless it is refused.
   State take(const std::string& key, Clock::time_point now = Clock::now());
-  /// The same without counting it: `remaining` is what there is before it.
+  /// Returns the same without counting the request: `remaining` is what there is before it.
   State look(const std::string& key, Clock::time_point now = Clock::now());
 
  private:

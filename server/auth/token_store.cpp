@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "proto/sha256.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 
 namespace kiln::auth {

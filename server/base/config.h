@@ -8,8 +8,9 @@ namespace kiln::base {
 
 enum class LogFormat { kText, kJson };
 
-/// How the service runs. Filled from flags, then LIGHTKILN_* variables, then a TOML file, then
-/// these defaults; names, ranges and descriptions live in server/cli/config.cpp. Values in range.
+/// Tells how the service runs. It is filled from flags, then LIGHTKILN_* variables, then a TOML
+/// file, then these defaults; names, ranges and descriptions live in server/cli/config.cpp. Values
+/// in range.
 struct ServerConfig {
   std::string listen = "127.0.0.1";        ///< address of the API; others than loopback need tokens
   std::string admin_listen = "127.0.0.1";  ///< address of the admin port, which asks for no token
@@ -26,7 +27,7 @@ struct ServerConfig {
   std::uint32_t slow_request_ms = 1000;  ///< of the service's own time: then it is logged; 0: never
   std::uint64_t max_upload_bytes = 1ull << 30;        ///< of one request's body
   std::uint64_t max_request_json_bytes = 4ull << 20;  ///< of one JSON body or `settings` part
-  // What a scene may ask for (baker::ImportLimits): beyond, `limit_exceeded`.
+  // A scene that asks for more than these (files::ImportLimits) is refused as `limit_exceeded`.
   std::uint64_t max_scene_triangles = 32'000'000;  ///< each use of a mesh counted
   std::uint32_t max_scene_nodes = 1'000'000;
   std::uint32_t max_scene_lights = 100'000;
@@ -37,7 +38,7 @@ struct ServerConfig {
   std::uint32_t max_import_processes = 4;           ///< at once; others wait
   std::uint32_t import_seconds = 300;               ///< that it may take
   std::uint32_t max_running_jobs = 2;
-  /// Of running bakes and import processes together; 0: 4/5 of what is free at the start.
+  /// The memory of running bakes and import processes together; 0: 4/5 of what is free at start.
   std::uint64_t memory_budget_bytes = 0;
   std::uint32_t max_queued_jobs = 1000;                  ///< beyond: `queue_full`
   std::uint32_t max_queued_jobs_per_tenant = 0;          ///< beyond: `quota_exceeded`; 0: no limit

@@ -25,8 +25,8 @@ double CpuMeter::process_seconds() {
 
 CpuMeter::CpuMeter(std::function<double()> clock) : clock_(std::move(clock)) {}
 
-// What was used since the last look belongs to those who ran since then: shares change whenever a
-// job begins or ends.
+// The time that was used since the last look belongs to those who ran since then: shares change
+// whenever a job begins or ends.
 void CpuMeter::share() {
   const double now = clock_();
   const double used = now - seen_;

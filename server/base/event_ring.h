@@ -16,10 +16,11 @@ class EventRing {
  public:
   static constexpr std::size_t kCapacity = 1024;
 
-  /// Of a job, whose ids have no holes. `kept`: the tail of its stored events, in order; `last`:
-  /// the highest id ever given.
+  /// Makes the ring of a job, whose ids have no holes. `kept`: the tail of its stored events, in
+  /// order; `last`: the highest id ever given.
   explicit EventRing(std::uint64_t last = 0, std::vector<proto::Event> kept = {});
-  /// Of many jobs: job.end ends nothing, and ids may have holes. Nothing is missing after `floor`.
+  /// Makes the ring of many jobs: job.end ends nothing, and ids may have holes. Nothing is missing
+  /// after `floor`.
   static std::shared_ptr<EventRing> endless(std::uint64_t floor, std::uint64_t last,
                                             std::vector<proto::Event> kept);
 

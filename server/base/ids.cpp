@@ -6,10 +6,6 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
-#include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <ctime>
 #include <stdexcept>
 
 namespace kiln::base {
@@ -29,16 +25,6 @@ void add_random_digits(std::string& text) {
   if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1)
     throw std::runtime_error("no random bytes");
   for (const unsigned char b : random) text += kDigits[b & 31];
-}
-
-std::string rfc3339(std::int64_t ms) {
-  const std::time_t seconds = static_cast<std::time_t>(ms / 1000);
-  std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  std::array<char, 40> text{};
-  const std::size_t n = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
-  std::snprintf(text.data() + n, text.size() - n, ".%03dZ", static_cast<int>(ms % 1000));
-  return text.data();
 }
 
 }  // namespace
@@ -61,18 +47,6 @@ bool is_id(std::string_view text, std::string_view prefix) {
   return text.size() == prefix.size() + 26 && text.starts_with(prefix) &&
          std::all_of(text.begin() + static_cast<std::ptrdiff_t>(prefix.size()), text.end(),
                      [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z'); });
-}
-
-std::string now_rfc3339(std::chrono::seconds later) {
-  return rfc3339(now_ms() + later.count() * 1000);
-}
-
-std::string seconds_after(const std::string& text, std::chrono::seconds later) {
-  std::tm utc{};
-  const char* rest = ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &utc);
-  if (rest == nullptr || *rest != '.' || std::strlen(rest) != 5) return {};
-  const std::int64_t ms = std::strtol(rest + 1, nullptr, 10);
-  return rfc3339((static_cast<std::int64_t>(::timegm(&utc)) + later.count()) * 1000 + ms);
 }
 
 }  // namespace kiln::base

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 
 namespace kiln::base {
 namespace {

@@ -33,7 +33,7 @@ std::string group_of(const fs::path& cgroup) {
   return "/";
 }
 
-// What a group's limit leaves; groups that are full leave nothing.
+// Returns what a group's limit leaves; groups that are full leave nothing.
 std::uint64_t left(std::uint64_t limit, std::uint64_t used) {
   return limit - std::min(limit, used);
 }

@@ -10,7 +10,7 @@ namespace kiln::base {
 /// tests: the folder that holds proc and sys. 0 when nothing tells.
 std::uint64_t free_memory_bytes(const std::filesystem::path& root = "/");
 
-/// What bakes and imports of a service may take where nothing is configured: four fifths of it.
+/// Returns what bakes and imports may take where nothing is configured: four fifths of it.
 inline std::uint64_t usual_memory_budget() {
   return free_memory_bytes() / 5 * 4;
 }

@@ -40,9 +40,9 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  /// What all bakes together may reserve; UINT64_MAX: no limit.
+  /// Returns what all bakes together may reserve; UINT64_MAX: no limit.
   std::uint64_t for_bakes() const;
-  /// What one more may reserve now.
+  /// Returns what one more may reserve now.
   std::uint64_t free_bytes() const;
   /// Whether import processes have, and wait for, nothing beyond what is set aside for them.
   bool imports_are_modest() const;
@@ -75,9 +75,9 @@ class MemoryBudget {
   /// more than that is served in the order of arrival, and bakes that would need what is waited for
   /// are not let in meanwhile.
   ///
-  /// What `job` has reserved is drawn on, since its process and its bake take turns. When that is
-  /// not enough the job lets go of it for as long as it waits: those that wait hold nothing, so
-  /// that no two of them wait for each other. It has it again when it is let in. Errors:
+  /// A process of `job` draws on what the job has reserved, since its process and its bake take
+  /// turns. When that is not enough the job gives it up for as long as it waits: a job that waits
+  /// holds nothing, so that no two wait for each other. It has it again when it is let in. Errors:
   /// `canceled`; `overloaded` when it takes longer than `patience`.
   proto::Expected<Place> enter(std::uint64_t bytes, std::stop_token,
                                std::optional<std::chrono::milliseconds> patience = {},

@@ -10,7 +10,8 @@
 
 namespace kiln::base {
 
-/// What the service counts, in Prometheus' text format. Thread-safe; a count takes microseconds.
+/// Counts what the service does, and writes it in Prometheus' text format. Thread-safe; a count
+/// takes microseconds.
 class Metrics {
  public:
   Metrics();
@@ -27,7 +28,7 @@ class Metrics {
   void webhook(std::string_view outcome);  ///< a try: delivered, retried, failed
   void committed(double seconds);          ///< one transaction of the job store
 
-  /// What is looked up when someone asks.
+  /// Figures that are looked up when someone asks.
   struct Now {
     std::size_t queued = 0, running = 0, streams = 0;
     std::uint64_t webhooks = 0;  ///< messages that are not delivered

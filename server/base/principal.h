@@ -4,7 +4,7 @@
 
 namespace kiln::base {
 
-/// Who sent a request, and what it may do.
+/// The sender of a request, and what it may do.
 struct Principal {
   std::string tenant;  ///< "" for a service without tokens, whose clients are all alike
   bool read = false, write = false;

@@ -31,7 +31,7 @@ constexpr std::array<Hint, 12> kHints{{
     {"unknown_generator", "`lightkiln scene --list` names them all"},
 }};
 
-/// Foreign text must not move the cursor or colour the terminal.
+/// Foreign text must not move the cursor or color the terminal.
 std::string printable(std::string text) {
   std::replace_if(
       text.begin(), text.end(),

@@ -30,7 +30,7 @@ void add_watch(CLI::App& app, Run& run) {
   flags->remote.add_quiet(*command);
   command->footer(
       "A lost connection is taken up again where it broke. Exit codes: 0 the job succeeded; 1 it\n"
-      "failed or was cancelled, or the service can't be reached; 2 wrong usage.");
+      "failed or was canceled, or the service can't be reached; 2 wrong usage.");
   command->callback([flags, &run] { run = [flags] { return run_watch(*flags); }; });
 }
 

@@ -79,7 +79,7 @@ class SceneStore {
   mutable std::mutex mutex_;  ///< between use() and collect(): a scene is marked, or gone
 };
 
-/// What an upload will be called.
+/// Returns the name that an upload will have.
 proto::SceneName identify_scene(const std::string& main_sha256,
                                 const std::vector<UploadedFile>& side);
 

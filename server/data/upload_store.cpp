@@ -12,6 +12,7 @@
 #include "proto/files.h"
 #include "proto/json.h"
 #include "proto/json_reader.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 #include "server/base/log.h"
 

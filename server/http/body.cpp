@@ -1,10 +1,10 @@
 #include "server/http/body.h"
 
-#include <openssl/evp.h>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
+
+#include "proto/text_codes.h"
 
 namespace kiln::http {
 namespace {
@@ -18,9 +18,7 @@ proto::Unexpected malformed() {
 }
 
 std::string base64(const std::array<unsigned char, 32>& digest) {
-  std::array<unsigned char, 45> text{};  // four characters for three bytes, and a zero
-  const int length = EVP_EncodeBlock(text.data(), digest.data(), static_cast<int>(digest.size()));
-  return {text.begin(), text.begin() + length};
+  return proto::base64_encode({reinterpret_cast<const char*>(digest.data()), digest.size()});
 }
 
 }  // namespace

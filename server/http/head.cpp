@@ -52,8 +52,8 @@ proto::Expected<void> parse_query(std::string_view query, RequestHead& head) {
     const std::string_view pair = query.substr(0, end);
     const auto equals = pair.find('=');
     const bool has_value = equals != std::string_view::npos;
-    const auto name = percent_decode(pair.substr(0, equals), true);
-    const auto value = percent_decode(has_value ? pair.substr(equals + 1) : "", true);
+    const auto name = decode_component(pair.substr(0, equals), true);
+    const auto value = decode_component(has_value ? pair.substr(equals + 1) : "", true);
     if (!name || !value) return bad("The query has a malformed percent sequence.");
     if (!pair.empty()) head.query.emplace_back(*name, *value);
     query = end == std::string_view::npos ? std::string_view() : query.substr(end + 1);
@@ -74,7 +74,7 @@ proto::Expected<void> parse_target(RequestHead& head) {
     return bad("The request target has to start with a slash.");
   target = target.substr(0, target.find('#'));
   const auto mark = target.find('?');
-  const auto path = percent_decode(target.substr(0, mark), false);
+  const auto path = decode_component(target.substr(0, mark), false);
   if (!path) return bad("The path has a malformed percent sequence or a control character.");
   if (path->size() > HeadLimits::kPath)
     return proto::fail("uri_too_long", "The path has over 512 bytes.");
@@ -194,26 +194,9 @@ std::string_view trim_blanks(std::string_view text) {
   return text;
 }
 
-std::optional<std::string> percent_decode(std::string_view text, bool plus_is_space) {
+std::optional<std::string> decode_component(std::string_view text, bool plus_is_space) {
   auto out = proto::percent_decode(text, plus_is_space);
   if (out && std::any_of(out->begin(), out->end(), is_control)) return std::nullopt;
-  return out;
-}
-
-std::string percent_encode(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    const bool plain = (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
-                       std::string_view("-._~").find(c) != std::string_view::npos;
-    if (plain) {
-      out += c;
-      continue;
-    }
-    const auto byte = static_cast<unsigned char>(c);
-    out += '%';
-    out += "0123456789ABCDEF"[byte >> 4];
-    out += "0123456789ABCDEF"[byte & 15];
-  }
   return out;
 }
 

@@ -46,9 +46,7 @@ proto::Expected<RequestHead> parse_head(std::string_view bytes);
 bool equal_ignoring_case(std::string_view, std::string_view);
 std::string_view trim_blanks(std::string_view);
 
-/// Decodes %XX. Nothing when a sequence is malformed or a byte is a control character.
-std::optional<std::string> percent_decode(std::string_view, bool plus_is_space);
-/// Everything but unreserved characters (RFC 3986) as %XX.
-std::string percent_encode(std::string_view);
+/// Decodes a part of a URL. Nothing when an escape is malformed or a byte is a control character.
+std::optional<std::string> decode_component(std::string_view, bool plus_is_space);
 
 }  // namespace kiln::http

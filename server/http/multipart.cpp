@@ -67,7 +67,7 @@ std::optional<std::string> decode_extended(std::string_view text) {
   const auto second = first == std::string_view::npos ? first : text.find('\'', first + 1);
   if (second == std::string_view::npos || !equal_ignoring_case(text.substr(0, first), "utf-8"))
     return std::nullopt;
-  return percent_decode(text.substr(second + 1), false);
+  return decode_component(text.substr(second + 1), false);
 }
 
 }  // namespace

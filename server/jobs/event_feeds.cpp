@@ -4,7 +4,8 @@
 
 namespace kiln::jobs {
 
-EventFeeds::EventFeeds(store::JobStore& store) : store_(store) {
+EventFeeds::EventFeeds(store::JobStore& store, EventHook hook)
+    : store_(store), hook_(std::move(hook)) {
   store_.on_feed([this](const std::string& tenant, const std::vector<proto::Event>& events) {
     publish(tenant, events);
   });
@@ -30,7 +31,7 @@ void EventFeeds::push(const Key& key, const std::vector<proto::Event>& events) {
   if (!ring) return;
   for (const auto& event : events)
     if (event.id > ring->last()) ring->push(event);
-  if (hook_) hook_(ring.get());
+  hook_(ring.get());
 }
 
 void EventFeeds::publish(const std::string& tenant, const std::vector<proto::Event>& events) {

@@ -16,12 +16,12 @@ namespace kiln::jobs {
 /// lives as long as somebody follows it, and is filled from the store. Thread-safe.
 class EventFeeds {
  public:
-  explicit EventFeeds(store::JobStore&);  ///< becomes the store's feed hook
+  using EventHook = std::function<void(const base::EventRing*)>;
+  /// Becomes the store's feed hook. `hook` is called after each new event, from any thread.
+  EventFeeds(store::JobStore&, EventHook hook);
 
   std::shared_ptr<const base::EventRing> of(
       const std::optional<std::string>& tenant);  ///< nothing: all
-  /// Called after each new event, from any thread.
-  void on_event(std::function<void(const base::EventRing*)> hook) { hook_ = std::move(hook); }
 
  private:
   using Key = std::optional<std::string>;
@@ -29,7 +29,7 @@ class EventFeeds {
   void push(const Key&, const std::vector<proto::Event>&);  ///< needs mutex_
 
   store::JobStore& store_;
-  std::function<void(const base::EventRing*)> hook_;
+  const EventHook hook_;
   std::mutex mutex_;
   std::map<Key, std::weak_ptr<base::EventRing>> rings_;  ///< guarded by mutex_
 };

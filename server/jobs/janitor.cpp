@@ -4,13 +4,13 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 #include "server/base/log.h"
 
 namespace kiln::jobs {
 
 Janitor::Janitor(const data::DataFolder& data, store::JobStore& store,
-                 const data::SceneStore& scenes, data::UploadStore& uploads, JobService& jobs,
+                 const data::SceneStore& scenes, data::UploadStore& uploads, JobControl& jobs,
                  Retention retention, std::chrono::milliseconds interval)
     : data_(data),
       store_(store),

@@ -5,12 +5,13 @@
 #include <mutex>
 #include <thread>
 
+#include "server/data/scene_store.h"
 #include "server/data/upload_store.h"
-#include "server/jobs/job_service.h"
+#include "server/jobs/job_control.h"
 
 namespace kiln::jobs {
 
-/// How long what nobody asked for again is kept.
+/// Bounds on what is kept though nobody asked for it again.
 struct Retention {
   /// Scenes that no job names, and checkpoints of jobs that failed or were canceled.
   std::chrono::seconds leftovers{86'400};
@@ -23,7 +24,7 @@ struct Retention {
 class Janitor {
  public:
   Janitor(const data::DataFolder&, store::JobStore&, const data::SceneStore&, data::UploadStore&,
-          JobService&, Retention, std::chrono::milliseconds interval);
+          JobControl&, Retention, std::chrono::milliseconds interval);
   /// One round, on the calling thread. Throws DatabaseError.
   void sweep();
 
@@ -38,7 +39,7 @@ class Janitor {
   store::JobStore& store_;
   const data::SceneStore& scenes_;
   data::UploadStore& uploads_;
-  JobService& jobs_;
+  JobControl& jobs_;
   Retention retention_;
   std::mutex sweeping_;  ///< two rounds at once would both free the room that one of them needs
   std::jthread thread_;

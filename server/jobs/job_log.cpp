@@ -7,7 +7,7 @@
 #include <algorithm>
 
 #include "proto/files.h"
-#include "server/base/ids.h"
+#include "server/base/clock.h"
 
 namespace kiln::jobs {
 

@@ -8,8 +8,9 @@
 
 namespace kiln::jobs {
 
-/// What happened to a job, for people: one line with its time per step, over all attempts. Lines
-/// that can't be written are left out; a bake does not end for its log. Thread-safe.
+/// Writes down what happens to a job, for people: one line with its time per step, over all
+/// attempts. Lines that can't be written are left out; a bake does not end for its log.
+/// Thread-safe.
 class JobLog {
  public:
   static constexpr std::uint64_t kMaxBytes = 1 << 20;  ///< then it ends with a line that says so

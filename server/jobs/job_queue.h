@@ -8,9 +8,9 @@
 
 namespace kiln::jobs {
 
-/// Which job runs next: the highest priority; of the same priority the tenant with the fewest
-/// running jobs, so that many jobs of one keep no other waiting; of the same tenant the oldest.
-/// Not thread-safe.
+/// Decides which job runs next: the highest priority; of the same priority the tenant with the
+/// fewest running jobs, so that many jobs of one keep no other waiting; of the same tenant the
+/// oldest. Not thread-safe.
 class JobQueue {
  public:
   struct Entry {
@@ -23,8 +23,8 @@ class JobQueue {
   void insert(const Entry&);
   bool erase(const Entry&);  ///< whether it was there
   bool contains(const Entry&) const;
-  /// How many come before it by priority and age, plus one; 0: it does not wait. Fair share between
-  /// tenants may let others pass.
+  /// Returns how many come before it by priority and age, plus one; 0: it does not wait. Fair share
+  /// between tenants may let others pass.
   std::size_t position(const Entry&) const;
 
   /// Takes the next job out and counts it as running. Tenants with `max_running` running jobs wait;

@@ -3,45 +3,49 @@
 #include <atomic>
 #include <chrono>
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <stop_token>
+#include <string>
 
 #include "baker/bake.h"
-#include "server/jobs/job_changes.h"
+#include "server/data/data_folder.h"
+#include "server/data/scene_store.h"
+#include "server/jobs/admission.h"
+#include "server/jobs/job_limits.h"
 #include "server/jobs/job_log.h"
-#include "server/jobs/job_service.h"
+#include "server/jobs/job_transitions.h"
+#include "server/jobs/notifier.h"
+
+namespace kiln::base {
+class Metrics;
+}
 
 namespace kiln::jobs {
 
-/// Whether a bake of so many bytes may go on.
-enum class Admission {
-  kYes,
-  kLater,  ///< beside those that run now there is no room for it
-  kNever,  ///< it is over the budget by itself
+struct JobInput : baker::BakeInput {
+  std::string job;  ///< id of the job
 };
 
-/// What a run needs of its service.
-struct RunContext {
+/// baker::bake, or a test's stand-in.
+using BakeFunction = std::function<proto::Expected<proto::Manifest>(
+    const JobInput&, exec::ThreadPool&, std::stop_token, baker::BakeObserver&)>;
+
+/// The parts that bakes are made with.
+struct Bakery {
   const data::DataFolder& data;
-  store::JobStore& store;
   const data::SceneStore& scenes;
   exec::ThreadPool& pool;
-  const BakeFunction& bake;
-  const files::ImportLimits& import_limits;
-  const JobLimits& limits;
-  base::Metrics* metrics;  ///< null: nobody counts
-  std::function<Admission(std::uint64_t bytes)> admit;
-  std::uint64_t memory_bytes;    ///< of all bakes
-  std::function<void()> notify;  ///< after each new event
+  BakeFunction bake;
+  files::ImportLimits import_limits;
+  base::Metrics* metrics = nullptr;  ///< null: nobody counts
 };
 
 /// One attempt at one job: calls the bake, turns what it observes into events, and stores how it
 /// ended. Whatever the bake throws fails this job only.
 class JobRun final : public baker::BakeObserver {
  public:
-  JobRun(const RunContext& context, LiveJob& job)
-      : context_(context), job_(job), log_(JobLog::path(context.data, job.id)) {}
+  JobRun(const Bakery&, const JobLimits&, Admission&, const JobTransitions&, JobNotifier&,
+         ActiveJob&);
 
   enum class End {
     kConcluded,  ///< the job is over, or queued because `service_stop` was requested
@@ -64,16 +68,23 @@ class JobRun final : public baker::BakeObserver {
     std::vector<proto::ResultFile> files;
   };
   Outcome bake();
+  Outcome bake_scene(const proto::Job&);
+  JobInput input_for(const proto::Job&, const data::StoredScene&);
   proto::Expected<void> reserve(std::uint64_t bytes);
   proto::Expected<std::vector<proto::ResultFile>> collect(const proto::Manifest&) const;
   proto::Expected<void> copy_log(const std::filesystem::path& to) const;
-  void conclude(Outcome, std::stop_token service_stop);
-  void tell_resumed(const std::string& text);
+  void conclude(Outcome, const std::stop_token& service_stop);
+  void store_end(Outcome&, const std::stop_token& service_stop);
+  void report_resumed(const std::string& text);
   /// Runs `change` under the job's mutex; a store failure is logged, since the bake can go on.
   void record(const std::function<void()>& change);
 
-  const RunContext& context_;
-  LiveJob& job_;
+  const Bakery& bakery_;
+  const JobLimits& limits_;
+  Admission& admission_;
+  const JobTransitions& transitions_;
+  JobNotifier& notifier_;
+  ActiveJob& job_;
   const JobLog log_;
   std::atomic<bool> timed_out_{false};
   std::atomic<std::uint64_t> texels_{0};

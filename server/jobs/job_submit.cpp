@@ -1,20 +1,25 @@
+#include "server/jobs/job_submit.h"
+
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "proto/json.h"
 #include "proto/sha256.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
-#include "server/jobs/job_changes.h"
-#include "server/jobs/job_service.h"
-#include "server/jobs/job_words.h"
-#include "server/jobs/live_job.h"
+#include "server/jobs/job_messages.h"
 
-/// How a job comes into being.
 namespace kiln::jobs {
 namespace {
 
-using proto::JobState;
+// An idempotency key as the store knows it: every tenant has keys of its own. Neither part has a
+// blank.
+std::string request_key(const std::string& tenant, const std::string& key) {
+  return tenant + " " + key;
+}
 
-// What a request asks for: a client that sends it again may choose another multipart boundary.
+// A digest of what a request asks for: a client that sends it again may choose another multipart
+// boundary.
 std::string fingerprint(const Submission& s) {
   proto::Sha256 hash;
   hash.update(s.scene.key + "\n");
@@ -42,29 +47,47 @@ store::StoredJob new_job(const Submission& s, const JobLimits& limits) {
 
 }  // namespace
 
+JobSubmitter::JobSubmitter(const data::DataFolder& data, store::JobStore& store,
+                           const JobLimits& limits, JobRegistry& registry, const JobLookup& lookup,
+                           Admission& admission, const JobTransitions& transitions)
+    : data_(data),
+      store_(store),
+      limits_(limits),
+      registry_(registry),
+      lookup_(lookup),
+      admission_(admission),
+      transitions_(transitions) {}
+
 /// An idempotency key while its request is answered: a second one at the same time is refused.
-class JobService::KeyInUse {
+class JobSubmitter::KeyInUse {
  public:
-  KeyInUse(JobService& service, const std::string& key) : service_(service), key_(key) {
-    const std::lock_guard lock(service_.mutex_);
-    alone_ = service_.keys_in_use_.insert(key_).second;
+  KeyInUse(JobSubmitter& submitter, const std::string& key) : submitter_(submitter), key_(key) {
+    const std::lock_guard lock(submitter_.mutex_);
+    alone_ = submitter_.keys_in_use_.insert(key_).second;
   }
   ~KeyInUse() {
     if (!alone_) return;
-    const std::lock_guard lock(service_.mutex_);
-    service_.keys_in_use_.erase(key_);
+    const std::lock_guard lock(submitter_.mutex_);
+    submitter_.keys_in_use_.erase(key_);
   }
   KeyInUse(const KeyInUse&) = delete;
   KeyInUse& operator=(const KeyInUse&) = delete;
   bool alone() const { return alone_; }
 
  private:
-  JobService& service_;
+  JobSubmitter& submitter_;
   const std::string key_;
   bool alone_ = false;
 };
 
-proto::Expected<JobService::Submitted> JobService::submit(const Submission& submission) {
+proto::Expected<void> JobSubmitter::accepting(const std::string& tenant,
+                                              const std::string& idempotency_key) const {
+  if (!idempotency_key.empty() && store_.find_request(request_key(tenant, idempotency_key)))
+    return {};
+  return admission_.check(registry_.lock(), tenant);
+}
+
+proto::Expected<JobSubmitter::Submitted> JobSubmitter::submit(const Submission& submission) {
   std::optional<store::IdempotencyKey> request;
   std::optional<KeyInUse> use;
   if (!submission.idempotency_key.empty()) {
@@ -83,7 +106,7 @@ proto::Expected<JobService::Submitted> JobService::submit(const Submission& subm
   return Submitted{std::move(*job)};
 }
 
-std::optional<proto::Expected<JobService::Submitted>> JobService::replay(
+std::optional<proto::Expected<JobSubmitter::Submitted>> JobSubmitter::replay(
     const store::IdempotencyKey& request) const {
   const auto known = store_.find_request(request.key);
   if (!known) return std::nullopt;
@@ -91,61 +114,47 @@ std::optional<proto::Expected<JobService::Submitted>> JobService::replay(
     return proto::fail("idempotency_mismatch",
                        "This Idempotency-Key belongs to job " + known->second +
                            ", whose scene, settings or options were others.");
-  auto job = get(known->second);
+  auto job = lookup_.get(known->second);
   if (!job) return std::nullopt;  // deleted a moment ago, and the key with it
   return Submitted{std::move(*job), true};
 }
 
-// The files of an identical bake, under this job's name too: each job can be deleted by itself.
-std::optional<proto::Job> JobService::submit_cached(
-    const store::StoredJob& stored, const std::optional<store::IdempotencyKey>& request) {
+// Gives the files of an identical bake to this job too: each job can be deleted by itself.
+std::optional<proto::Job> JobSubmitter::submit_cached(
+    const store::StoredJob& stored, const std::optional<store::IdempotencyKey>& request) const {
   const auto original = store_.find_succeeded(stored.bake_key, stored.job.tenant);
   if (!original) return std::nullopt;
   const auto files = store_.results(original->job.id);
-  LiveJob job(stored);
-  proto::Job& j = job.stored.job;
-  if (auto linked = data_.link_results(original->job.id, j.id, files); !linked) {
-    data_.remove_job(j.id);  // the original is being deleted: bake
+  ActiveJob job(stored);
+  if (auto linked = data_.link_results(original->job.id, job.id, files); !linked) {
+    data_.remove_job(job.id);  // the original is being deleted: bake
     return std::nullopt;
   }
-  j.state = JobState::kSucceeded;
-  j.cached = true;
-  j.progress = original->job.progress;
-  j.finished_at = base::now_rfc3339();
-  j.expires_at = expiry(j);
   try {
-    store_.insert(job.stored, end_events(job, files), files, request);
+    const std::lock_guard lock(job.mutex);
+    transitions_.submit_cached(job, original->job, files, request);
   } catch (...) {
-    data_.remove_job(j.id);
+    data_.remove_job(job.id);
     throw;
   }
-  log_state(j);
-  return j;
+  log_state(job.job());
+  return job.job();
 }
 
-proto::Expected<proto::Job> JobService::enqueue(
+proto::Expected<proto::Job> JobSubmitter::enqueue(
     const store::StoredJob& stored, const std::optional<store::IdempotencyKey>& request) {
+  auto place = admission_.hold_place(stored.job.tenant);
+  if (!place) return proto::Unexpected(place.error());
+  const auto job = std::make_shared<ActiveJob>(stored);
   {
-    const std::lock_guard lock(mutex_);
-    if (auto room = check_room(stored.job.tenant); !room) return proto::Unexpected(room.error());
-    ++submitting_;
+    const std::lock_guard lock(job->mutex);
+    transitions_.submit(*job, request);
   }
-  auto job = std::make_shared<LiveJob>(stored);
-  const proto::Event first = job->state_event();
-  try {
-    job->stored.sequence = store_.insert(stored, {first}, {}, request);
-  } catch (...) {
-    const std::lock_guard lock(mutex_);
-    --submitting_;
-    throw;
-  }
-  job->ring->push(first);
   {
-    const std::lock_guard lock(mutex_);
-    --submitting_;
-    add_live(job);
+    const JobRegistry::Lock lock = registry_.lock();
+    place->give_up(lock);
+    registry_.add(lock, job);
   }
-  changed_.notify_all();
   log_state(stored.job);
   return stored.job;
 }

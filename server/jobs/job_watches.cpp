@@ -35,7 +35,8 @@ JobWatches::Watch JobWatches::add(const std::string& job, std::optional<std::uin
   };
   Book::Watchers entry;
   entry.emplace(number, Book::Watcher{since, std::move(moved)});
-  // Before the lock: where memory ends, the watch ends too, and takes the lock for that.
+  // This stands before the lock: where memory ends, the watch ends too, and takes the lock for
+  // that.
   Watch watch(book_.get(), leave);
   const std::lock_guard lock(book_->mutex);
   book_->jobs[job].merge(entry);

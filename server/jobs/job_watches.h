@@ -8,8 +8,8 @@
 
 namespace kiln::jobs {
 
-/// Who wants to hear of which job, once. What a job's change costs grows with those who watch this
-/// job, not with all. Thread-safe.
+/// Watchers of jobs, each of which is called once. The cost of a job's change grows with the
+/// watchers of this job, not with all. Thread-safe.
 class JobWatches {
  public:
   /// Ends the watch when its last copy goes; it may outlive what it was made by. A call that has
@@ -20,7 +20,7 @@ class JobWatches {
   /// of a later version.
   Watch add(const std::string& job, std::optional<std::uint64_t> since,
             std::function<void()> moved);
-  /// The job is of this version now. Calls those who wait for that, with no lock held.
+  /// Calls the watchers that wait for this version of the job, with no lock held.
   void tell(const std::string& job, std::uint64_t version, bool over);
 
  private:

@@ -13,7 +13,7 @@ struct sqlite3_stmt;
 
 namespace kiln::store {
 
-/// SQLite said no where our own statements can't be at fault: disk full, I/O error, damaged file.
+/// SQLite refused where our own statements can't be at fault: disk full, I/O error, damaged file.
 class DatabaseError : public std::runtime_error {
  public:
   DatabaseError(const std::string& what, bool full) : std::runtime_error(what), disk_full(full) {}
@@ -41,6 +41,9 @@ class Statement {
 };
 
 /// One connection in WAL mode. Not thread-safe: guard it. Throws DatabaseError.
+///
+/// This wraps SQLite itself and not SQLiteCpp: each transaction chooses its durability, an error
+/// says whether the disk is full, and the headers that use it name no library.
 class Database {
  public:
   explicit Database(const std::filesystem::path&);
@@ -57,7 +60,7 @@ class Database {
   };
   /// Runs `body` in one transaction; rolls back when it throws.
   void transaction(Durability, const std::function<void()>& body);
-  /// Told how many seconds each transaction took that was committed.
+  /// `hook` is called with the seconds that each committed transaction took.
   void on_commit(std::function<void(double)> hook) { on_commit_ = std::move(hook); }
 
  private:

@@ -4,10 +4,10 @@
 
 #include "proto/json.h"
 #include "server/base/event_ring.h"
-#include "server/store/job_rows.h"
-#include "server/store/job_store_schema.h"
+#include "server/store/rows.h"
+#include "server/store/schema.h"
 
-/// What the store takes, by its writer connection.
+/// The store's writes, by its writer connection.
 namespace kiln::store {
 namespace {
 

@@ -52,7 +52,7 @@ struct Delivery {
   std::uint32_t tries = 0;  ///< that failed
 };
 
-/// What the bakes of a tenant took in a day.
+/// The work of a tenant's bakes in a day.
 struct Usage {
   std::uint64_t texels = 0;
   double cpu_seconds = 0;
@@ -64,7 +64,7 @@ class JobStore {
  public:
   /// Opens or creates the file and migrates its schema. Throws when it was written by a later
   /// version.
-  /// `on_commit` is told how many seconds each write took.
+  /// `on_commit` is called with the seconds that each write took.
   explicit JobStore(const std::filesystem::path&, std::function<void(double)> on_commit = {});
 
   /// Stores a new job with its events, its result files when it is over already, and the key of the
@@ -83,14 +83,14 @@ class JobStore {
   void restart(const StoredJob&, const std::vector<proto::Event>&);
   void remove(const std::string& id);
 
-  /// Told of each event right after it was stored, with its id in the feed, in the order of these
-  /// ids; must not write to the store. To be set before the first change.
+  /// Is called with each event right after it was stored, with its id in the feed, in the order of
+  /// these ids; must not write to the store. It is set before the first change.
   using FeedHook = std::function<void(const std::string& tenant, const std::vector<proto::Event>&)>;
   void on_feed(FeedHook hook) { feed_hook_ = std::move(hook); }
   Feed feed(const std::optional<std::string>& tenant) const;  ///< nothing: of all tenants
 
-  /// Events that a job's webhook wants are stored with a message to it, in one transaction.
-  /// Called after such a one, with no lock held.
+  /// Events that a job's webhook wants are stored with a message to it, in one transaction. `hook`
+  /// is called after such a transaction, with no lock held.
   void on_delivery(std::function<void()> hook) { delivery_hook_ = std::move(hook); }
   /// The message that is due first, but to none of these origins; it is not due again before
   /// `until`. Times are Unix milliseconds; due is what is at `now` or earlier, or after `horizon`.
@@ -109,7 +109,7 @@ class JobStore {
   std::optional<StoredJob> find_succeeded(const std::string& bake_key,
                                           const std::string& tenant) const;
   std::uint64_t result_bytes(const std::string& tenant) const;
-  /// Who uploaded a scene may name it: others must not learn that it is there.
+  /// The tenant uploaded this scene, and may name it: others must not learn that it is there.
   void grant_scene(const std::string& scene, const std::string& tenant);
   bool owns_scene(const std::string& scene, const std::string& tenant) const;
   void forget_scene(const std::string& scene);  ///< it was deleted

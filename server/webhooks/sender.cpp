@@ -15,7 +15,7 @@ using Handle = std::unique_ptr<CURL, decltype(&curl_easy_cleanup)>;
 using Url = std::unique_ptr<CURLU, decltype(&curl_url_cleanup)>;
 using Lines = std::unique_ptr<curl_slist, decltype(&curl_slist_free_all)>;
 
-/// What the callbacks of one transfer share.
+/// State that the callbacks of one transfer share.
 struct Transfer {
   const Networks& allowed;
   const WebhookLimits& limits;

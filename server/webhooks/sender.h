@@ -11,8 +11,8 @@
 
 namespace kiln::webhooks {
 
-/// As far as it can be told without a look-up. Errors: `invalid_request` when it is no http or
-/// https URL, names a user, or is an address that may not be reached.
+/// Checks a URL as far as that is possible without a look-up. Errors: `invalid_request` when it is
+/// no http or https URL, names a user, or is an address that may not be reached.
 proto::Expected<void> check_webhook_url(const std::string& url, const Networks& allowed);
 
 /// One message, ready to be sent.

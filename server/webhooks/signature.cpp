@@ -3,10 +3,11 @@
 #include <openssl/evp.h>
 #include <openssl/hmac.h>
 
-#include <algorithm>
 #include <array>
 #include <stdexcept>
-#include <vector>
+#include <utility>
+
+#include "proto/text_codes.h"
 
 namespace kiln::webhooks {
 namespace {
@@ -27,14 +28,11 @@ proto::Expected<std::string> webhook_key(std::string_view secret) {
   };
   if (!secret.starts_with(kPrefix)) return refuse();
   secret.remove_prefix(kPrefix.size());
-  const auto padding = static_cast<std::size_t>(std::count(secret.begin(), secret.end(), '='));
-  if (secret.size() % 4 != 0 || secret.size() > 2 * kMax || padding > 2) return refuse();
-  std::vector<unsigned char> key(secret.size() / 4 * 3);
-  const int size = EVP_DecodeBlock(key.data(), bytes_of(secret), static_cast<int>(secret.size()));
-  if (size < static_cast<int>(padding)) return refuse();
-  key.resize(static_cast<std::size_t>(size) - padding);
-  if (key.size() < kMin || key.size() > kMax) return refuse();
-  return std::string(key.begin(), key.end());
+  if (secret.size() % 4 != 0 || secret.find_first_of("-_") != std::string_view::npos)
+    return refuse();
+  auto key = proto::base64_decode(secret);
+  if (!key || key->size() < kMin || key->size() > kMax) return refuse();
+  return std::move(*key);
 }
 
 std::string webhook_signature(std::string_view key, std::string_view id, std::int64_t timestamp,
@@ -46,9 +44,7 @@ std::string webhook_signature(std::string_view key, std::string_view id, std::in
   if (HMAC(EVP_sha256(), key.data(), static_cast<int>(key.size()), bytes_of(text), text.size(),
            digest.data(), &size) == nullptr)
     throw std::runtime_error("HMAC failed");
-  std::array<unsigned char, 45> base64{};  // four characters for three bytes, and a zero
-  const int length = EVP_EncodeBlock(base64.data(), digest.data(), static_cast<int>(size));
-  return "v1," + std::string(base64.begin(), base64.begin() + length);
+  return "v1," + proto::base64_encode({reinterpret_cast<const char*>(digest.data()), size});
 }
 
 }  // namespace kiln::webhooks

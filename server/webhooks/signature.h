@@ -6,7 +6,8 @@
 
 #include "proto/expected.h"
 
-/// How receivers know that a message is ours and new: https://www.standardwebhooks.com.
+/// Signatures by which receivers know that a message is ours and new:
+/// https://www.standardwebhooks.com.
 namespace kiln::webhooks {
 
 /// The bytes of a secret as it is written: "whsec_" and the base64 of 24 to 64 bytes.

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 #include "server/base/log.h"
 

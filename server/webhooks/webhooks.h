@@ -40,7 +40,7 @@ struct WebhookOptions {
 /// that hangs holds two threads at most. Thread-safe.
 class Webhooks {
  public:
-  /// Told how each try ended: "delivered", "retried" or "failed".
+  /// Is called with how each try ended: "delivered", "retried" or "failed".
   using Count = std::function<void(std::string_view outcome)>;
 
   Webhooks(store::JobStore&, WebhookOptions, Count);

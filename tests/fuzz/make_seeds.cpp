@@ -178,6 +178,19 @@ void make_skies(const fs::path& root) {
     seeds.add(test::exr_file(sky, {true, true, compression, {"R", "G", "B", "A"}}));
 }
 
+void make_images(const fs::path& root) {
+  ::Seeds seeds(root, "image");
+  for (const int channels : {0, 2, 4, 6})  // gray, RGB, gray and alpha, RGBA
+    seeds.add(test::PngBuilder::encode(2, 2, 8, channels, std::string(16, '\x70')));
+  const test::SkyPicture sky(4, [](math::Vec3 d) { return math::Rgb{1, 2, 3 + d.x}; });
+  for (const auto rows : {test::HdrRows::kPlain, test::HdrRows::kRepeated})
+    seeds.add(test::hdr_file(sky, rows, ""));
+  for (const bool tiled : {false, true}) seeds.add(test::exr_file(sky, {false, tiled, 3}));
+  seeds.add("\xff\xd8\xff\xe0");
+  seeds.add(std::string("RIFF\x10\0\0\0WEBPVP8L\4\0\0\0\x2f\0\0\0", 24));
+  seeds.add(std::string("II\x2a\0\x08\0\0\0\1\0\0\1\4\0\1\0\0\0\2\0\0\0", 22));
+}
+
 void make_settings(const fs::path& root) {
   ::Seeds seeds(root, "settings");
   const auto all = proto::to_json(proto::BakeSettings{});

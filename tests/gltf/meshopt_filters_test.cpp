@@ -6,7 +6,7 @@
 #include <limits>
 #include <numbers>
 
-#include "baker/gltf/meshopt_decoder.h"
+#include "baker/gltf/meshopt.h"
 #include "tests/import/bad_input.h"
 #include "tests/support/packed_gltf.h"
 

@@ -77,7 +77,7 @@ TEST(JobJson, TheSummaryNamesWhatIsMissing) {
 
 TEST(JobState, EveryStateHasAName) {
   std::set<std::string> names;
-  for (int i = 0; i <= static_cast<int>(JobState::kCancelled); ++i) {
+  for (int i = 0; i <= static_cast<int>(JobState::kCanceled); ++i) {
     const auto state = static_cast<JobState>(i);
     names.insert(to_string(state));
     EXPECT_EQ(*job_state_from_string(to_string(state)), state);

@@ -22,7 +22,7 @@ class Edit : public JobServiceTest {
   }
   void sweep(Retention retention) {
     data::UploadStore uploads(process_->data, 24h);
-    Janitor(process_->data, process_->store, process_->scenes, uploads, jobs(), retention, 1h)
+    Janitor(process_->data, process_->store, process_->scenes, uploads, control(), retention, 1h)
         .sweep();
   }
 };
@@ -32,7 +32,7 @@ TEST_F(Edit, APatchChangesWhatItNames) {
   Submission s = submission();
   s.options.labels = {{"team", "a"}, {"level", "1"}};
   s.options.ttl_seconds = 100;
-  const std::string id = jobs().submit(s)->job.id;
+  const std::string id = submitter().submit(s)->job.id;
   const proto::Job before = wait(id);
   EXPECT_EQ(before.labels, s.options.labels);
   EXPECT_GT(before.expires_at, before.finished_at);
@@ -40,31 +40,31 @@ TEST_F(Edit, APatchChangesWhatItNames) {
   patch.labels = {{"team", "b"}, {"level", std::nullopt}, {"new", "x"}};
   patch.ttl_seconds = 0;
   const auto other = [&](std::uint64_t version) { return version != before.version; };
-  EXPECT_EQ(jobs().patch(id, patch, other).error().code, "precondition_failed");
-  const proto::Job after = jobs().patch(id, patch, always).value();
+  EXPECT_EQ(control().patch(id, patch, other).error().code, "precondition_failed");
+  const proto::Job after = control().patch(id, patch, always).value();
   EXPECT_EQ(after.labels, (proto::Labels{{"new", "x"}, {"team", "b"}}));
   EXPECT_EQ(after.expires_at, "");
   EXPECT_GT(after.version, before.version);
-  EXPECT_EQ(jobs().get(id)->labels, after.labels);
+  EXPECT_EQ(lookup().get(id)->labels, after.labels);
   EXPECT_EQ(events(id).back().type, "job.end") << "no event comes after the last";
   patch.labels.clear();
   for (int i = 0; i < 31; ++i) patch.labels["l" + std::to_string(i)] = "";
-  EXPECT_EQ(jobs().patch(id, patch, always).error().code, "invalid_request") << "33 labels";
-  EXPECT_EQ(jobs().patch("job_none", patch, always).error().code, "not_found");
+  EXPECT_EQ(control().patch(id, patch, always).error().code, "invalid_request") << "33 labels";
+  EXPECT_EQ(control().patch("job_none", patch, always).error().code, "not_found");
 }
 
 TEST_F(Edit, ACancelThatDrainsKeepsTheLight) {
   start(fake_.holding());
   const std::string id = submit();
   reach(id, JobState::kRunning);
-  EXPECT_EQ(jobs().cancel(id, CancelMode::kDrain)->state, JobState::kCanceling);
-  EXPECT_EQ(wait(id).state, JobState::kCancelled);
-  EXPECT_EQ(jobs().results(id).size(), 3u);
+  EXPECT_EQ(control().cancel(id, CancelMode::kDrain)->state, JobState::kCanceling);
+  EXPECT_EQ(wait(id).state, JobState::kCanceled);
+  EXPECT_EQ(lookup().results(id).size(), 3u);
   const std::string cut = submit();
   reach(cut, JobState::kRunning);
-  jobs().cancel(cut);
-  EXPECT_EQ(wait(cut).state, JobState::kCancelled);
-  EXPECT_TRUE(jobs().results(cut).empty());
+  control().cancel(cut);
+  EXPECT_EQ(wait(cut).state, JobState::kCanceled);
+  EXPECT_TRUE(lookup().results(cut).empty());
 }
 
 TEST_F(Edit, ARetryIsTheNextAttemptOfTheSameJob) {
@@ -73,24 +73,24 @@ TEST_F(Edit, ARetryIsTheNextAttemptOfTheSameJob) {
   EXPECT_EQ(wait(id).state, JobState::kFailed);
   start(fake_.holding());
   leave_checkpoint(id);
-  const proto::Job again = jobs().retry(id, RetryFrom::kCheckpoint).value();
+  const proto::Job again = control().retry(id, RetryFrom::kCheckpoint).value();
   EXPECT_EQ(again.attempt, 2u);
   EXPECT_FALSE(again.error);
   EXPECT_EQ(again.finished_at, "");
   reach(id, JobState::kRunning);
   EXPECT_TRUE(has_checkpoint(id));
-  EXPECT_EQ(jobs().retry(id, RetryFrom::kStart).error().code, "job_not_retryable");
-  jobs().cancel(id, CancelMode::kDrain);
-  EXPECT_EQ(wait(id).state, JobState::kCancelled);
-  EXPECT_EQ(jobs().retry(id, RetryFrom::kStart)->attempt, 3u);
+  EXPECT_EQ(control().retry(id, RetryFrom::kStart).error().code, "job_not_retryable");
+  control().cancel(id, CancelMode::kDrain);
+  EXPECT_EQ(wait(id).state, JobState::kCanceled);
+  EXPECT_EQ(control().retry(id, RetryFrom::kStart)->attempt, 3u);
   EXPECT_FALSE(std::filesystem::exists(process_->data.checkpoints(id) / "pass_0.bin"));
-  EXPECT_TRUE(jobs().results(id).empty()) << "those of the attempt before are gone";
+  EXPECT_TRUE(lookup().results(id).empty()) << "those of the attempt before are gone";
   fake_.go = true;
   EXPECT_EQ(wait(id).state, JobState::kSucceeded);
   EXPECT_FALSE(has_checkpoint(id));
   expect_no_holes(events(id));
-  EXPECT_EQ(jobs().retry(id, RetryFrom::kStart).error().code, "job_not_retryable");
-  EXPECT_EQ(jobs().retry("job_none", RetryFrom::kStart).error().code, "not_found");
+  EXPECT_EQ(control().retry(id, RetryFrom::kStart).error().code, "job_not_retryable");
+  EXPECT_EQ(control().retry("job_none", RetryFrom::kStart).error().code, "not_found");
 }
 
 // Found by a storm of requests: a retry could queue a job that was being deleted.
@@ -101,13 +101,13 @@ TEST_F(Edit, RetryAndDeleteAtTheSameTimeAgree) {
     ASSERT_EQ(wait(id).state, JobState::kFailed);
     std::vector<std::jthread> threads;
     for (int i = 0; i < 2; ++i) {
-      threads.emplace_back([&] { EXPECT_NO_THROW((void)jobs().retry(id, RetryFrom::kStart)); });
-      threads.emplace_back([&] { EXPECT_NO_THROW((void)jobs().remove(id, true)); });
+      threads.emplace_back([&] { EXPECT_NO_THROW((void)control().retry(id, RetryFrom::kStart)); });
+      threads.emplace_back([&] { EXPECT_NO_THROW((void)control().remove(id, true)); });
     }
     threads.clear();  // joins
-    if (jobs().get(id)) {
+    if (lookup().get(id)) {
       EXPECT_EQ(wait(id).state, JobState::kFailed);
-      EXPECT_TRUE(jobs().remove(id, true));
+      EXPECT_TRUE(control().remove(id, true));
     }
   }
 }
@@ -121,7 +121,7 @@ TEST_F(Edit, LeftoversOfACrashAreCleared) {
   start(fake_.instant());
   EXPECT_FALSE(has_checkpoint(id));
   EXPECT_FALSE(std::filesystem::exists(process_->data.job(orphan)));
-  EXPECT_EQ(jobs().results(id).size(), 3u);
+  EXPECT_EQ(lookup().results(id).size(), 3u);
   EXPECT_TRUE(std::filesystem::exists(process_->data.results(id) / "page_00.exr"));
 }
 
@@ -129,15 +129,15 @@ TEST_F(Edit, TheJanitorKeepsWhatSomeoneMayAskFor) {
   start(fake_.instant());
   Submission s = submission();
   s.options.ttl_seconds = 1;
-  const std::string brief = jobs().submit(s)->job.id, kept = submit();
+  const std::string brief = submitter().submit(s)->job.id, kept = submit();
   wait(brief);
   wait(kept);
   std::this_thread::sleep_for(1100ms);
   sweep({0s, 0});
-  EXPECT_EQ(jobs().get(brief).error().code, "not_found");
-  EXPECT_TRUE(jobs().get(kept));
+  EXPECT_EQ(lookup().get(brief).error().code, "not_found");
+  EXPECT_TRUE(lookup().get(kept));
   EXPECT_EQ(scenes(), 1) << "a job names it";
-  EXPECT_TRUE(jobs().remove(kept, false));
+  EXPECT_TRUE(control().remove(kept, false));
   sweep({1h, 0});
   EXPECT_EQ(scenes(), 1) << "it was used a moment ago";
   sweep({0s, 0});
@@ -153,7 +153,7 @@ TEST_F(Edit, CheckpointsOfAFailedJobGoAfterAWhile) {
   EXPECT_TRUE(has_checkpoint(id));
   sweep({0s, 0});
   EXPECT_FALSE(has_checkpoint(id));
-  EXPECT_TRUE(jobs().get(id));
+  EXPECT_TRUE(lookup().get(id));
 }
 
 TEST_F(Edit, TheDiskBudgetTakesTheOldestJobs) {
@@ -164,10 +164,10 @@ TEST_F(Edit, TheDiskBudgetTakesTheOldestJobs) {
     wait(ids.back());
   }
   sweep({1h, process_->data.bytes() - 150'000});
-  EXPECT_FALSE(jobs().get(ids[0]));
-  EXPECT_FALSE(jobs().get(ids[1]));
-  EXPECT_TRUE(jobs().get(ids[2]));
-  EXPECT_TRUE(jobs().get(ids[3]));
+  EXPECT_FALSE(lookup().get(ids[0]));
+  EXPECT_FALSE(lookup().get(ids[1]));
+  EXPECT_TRUE(lookup().get(ids[2]));
+  EXPECT_TRUE(lookup().get(ids[3]));
 }
 
 }  // namespace

@@ -49,7 +49,7 @@ TEST_F(JobServiceTest, KeepsALogOverAttempts) {
   start(fails_once);
   const std::string id = submit();
   EXPECT_EQ(wait(id).state, JobState::kFailed);
-  ASSERT_TRUE(jobs().retry(id, RetryFrom::kStart));
+  ASSERT_TRUE(control().retry(id, RetryFrom::kStart));
   EXPECT_EQ(wait(id).state, JobState::kSucceeded);
   const std::string log = test::read_bytes(process_->data.results(id) / "log.txt");
   for (const char* part : {"attempt 1 of job ", "state failed: no_light: Dark.\n", "attempt 2 of ",

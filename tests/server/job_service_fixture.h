@@ -27,7 +27,7 @@ class JobServiceTest : public ::testing::Test {
         : data(data::DataFolder::open(path).value()),
           store(data.database()),
           scenes(data),
-          jobs(data, store, scenes, pool, bake, limits) {}
+          jobs({data, scenes, pool, bake, {}}, store, std::move(limits)) {}
   };
 
   void start(const BakeFunction& bake, JobLimits limits = {}) {
@@ -35,6 +35,10 @@ class JobServiceTest : public ::testing::Test {
     process_.emplace(folder_.path(), bake, limits);
   }
   JobService& jobs() { return process_->jobs; }
+  const JobLookup& lookup() { return jobs().lookup(); }
+  JobSubmitter& submitter() { return jobs().submitter(); }
+  JobControl& control() { return jobs().control(); }
+  const Admission& admission() { return jobs().admission(); }
 
   data::StoredScene scene() {
     auto upload = data::SceneUpload::create(process_->data);
@@ -50,26 +54,26 @@ class JobServiceTest : public ::testing::Test {
     s.options.dedupe = false;
     return s;
   }
-  std::string submit() { return jobs().submit(submission()).value().job.id; }
+  std::string submit() { return submitter().submit(submission()).value().job.id; }
   /// The job when it is over, and its runner has let go of it.
   proto::Job wait(const std::string& id) {
     auto over = std::make_shared<std::promise<void>>();
-    const auto watch = jobs().watch(id, std::nullopt, [over] { over->set_value(); });
+    const auto watch = lookup().watch(id, std::nullopt, [over] { over->set_value(); });
     EXPECT_EQ(over->get_future().wait_for(20s), std::future_status::ready);
     // No change, but it is refused only when nobody runs the job any more.
-    jobs().patch(id, {}, [](std::uint64_t) { return false; });
-    return jobs().get(id).value();
+    control().patch(id, {}, [](std::uint64_t) { return false; });
+    return lookup().get(id).value();
   }
   /// Waits until the job is in `state`.
   void reach(const std::string& id, JobState state) {
     for (int i = 0; i < 2000; ++i) {
-      if (jobs().get(id)->state == state) return;
+      if (lookup().get(id)->state == state) return;
       std::this_thread::sleep_for(5ms);
     }
     FAIL() << "the job did not get there";
   }
   std::vector<proto::Event> events(const std::string& id) {
-    return jobs().events(id)->after(0).events;
+    return lookup().events(id)->after(0).events;
   }
   static void expect_no_holes(const std::vector<proto::Event>& events) {
     for (std::size_t i = 0; i < events.size(); ++i) EXPECT_EQ(events[i].id, i + 1);

@@ -13,7 +13,7 @@ TEST_F(JobServiceTest, RunsAJobToItsEnd) {
   EXPECT_EQ(job.state, JobState::kSucceeded);
   EXPECT_DOUBLE_EQ(job.progress.fraction, 1);
   EXPECT_FALSE(job.finished_at.empty());
-  const auto files = jobs().results(id);
+  const auto files = lookup().results(id);
   ASSERT_EQ(files.size(), 3u);
   EXPECT_EQ(files[1].name, "log.txt");
   EXPECT_EQ(files[2].name, "manifest.json");
@@ -33,8 +33,8 @@ TEST_F(JobServiceTest, RunsAsManyAsAllowedAndOldestFirst) {
   reach(ids[0], JobState::kRunning);
   reach(ids[1], JobState::kRunning);
   EXPECT_EQ(fake_.started, 2);
-  EXPECT_EQ(jobs().counts().queued, 2u);
-  EXPECT_EQ(jobs().get(ids[2])->state, JobState::kQueued);
+  EXPECT_EQ(admission().counts().queued, 2u);
+  EXPECT_EQ(lookup().get(ids[2])->state, JobState::kQueued);
   fake_.go = true;
   for (const auto& id : ids) EXPECT_EQ(wait(id).state, JobState::kSucceeded);
 }
@@ -45,8 +45,8 @@ TEST_F(JobServiceTest, BoundsTheQueue) {
   reach(first, JobState::kRunning);
   submit();
   submit();
-  EXPECT_EQ(jobs().submit(submission()).error().code, "queue_full");
-  EXPECT_EQ(jobs().accepting("").error().code, "queue_full");
+  EXPECT_EQ(submitter().submit(submission()).error().code, "queue_full");
+  EXPECT_EQ(submitter().accepting("").error().code, "queue_full");
   fake_.go = true;
 }
 
@@ -54,12 +54,12 @@ TEST_F(JobServiceTest, CancelsWithinASecond) {
   start(fake_.holding(), {1, 10});
   const std::string running = submit(), queued = submit();
   reach(running, JobState::kRunning);
-  EXPECT_EQ(jobs().cancel(queued)->state, JobState::kCancelled) << "a queued job ends at once";
+  EXPECT_EQ(control().cancel(queued)->state, JobState::kCanceled) << "a queued job ends at once";
   const auto before = std::chrono::steady_clock::now();
-  EXPECT_EQ(jobs().cancel(running)->state, JobState::kCanceling);
-  EXPECT_EQ(wait(running).state, JobState::kCancelled);
+  EXPECT_EQ(control().cancel(running)->state, JobState::kCanceling);
+  EXPECT_EQ(wait(running).state, JobState::kCanceled);
   EXPECT_LT(std::chrono::steady_clock::now() - before, 1s);
-  EXPECT_EQ(jobs().cancel(running)->state, JobState::kCancelled) << "again: no change";
+  EXPECT_EQ(control().cancel(running)->state, JobState::kCanceled) << "again: no change";
   EXPECT_EQ(events(running).back().type, "job.end");
 }
 
@@ -73,7 +73,7 @@ TEST_F(JobServiceTest, CoalescesProgress) {
                                       [](const auto& e) { return e.type == "job.progress"; });
   EXPECT_GE(progress, 2);
   EXPECT_LE(progress, 7);
-  EXPECT_GT(jobs().get(id)->progress.batches_done, 5u) << "the job itself is up to date";
+  EXPECT_GT(lookup().get(id)->progress.batches_done, 5u) << "the job itself is up to date";
   fake_.go = true;
 }
 
@@ -105,12 +105,12 @@ TEST_F(JobServiceTest, DeletesOnlyWhatIsOver) {
   start(fake_.holding());
   const std::string id = submit();
   reach(id, JobState::kRunning);
-  EXPECT_EQ(jobs().remove(id, false).error().code, "job_not_terminal");
-  EXPECT_TRUE(jobs().remove(id, true));
-  EXPECT_EQ(jobs().get(id).error().code, "not_found");
-  EXPECT_EQ(jobs().events(id), nullptr);
+  EXPECT_EQ(control().remove(id, false).error().code, "job_not_terminal");
+  EXPECT_TRUE(control().remove(id, true));
+  EXPECT_EQ(lookup().get(id).error().code, "not_found");
+  EXPECT_EQ(lookup().events(id), nullptr);
   EXPECT_FALSE(std::filesystem::exists(process_->data.job(id)));
-  EXPECT_EQ(jobs().remove(id, false).error().code, "not_found");
+  EXPECT_EQ(control().remove(id, false).error().code, "not_found");
 }
 
 TEST_F(JobServiceTest, ADrainPutsRunningJobsBackIntoTheQueue) {
@@ -118,11 +118,11 @@ TEST_F(JobServiceTest, ADrainPutsRunningJobsBackIntoTheQueue) {
   const std::string running = submit(), queued = submit();
   reach(running, JobState::kRunning);
   jobs().begin_drain();
-  EXPECT_EQ(jobs().submit(submission()).error().code, "draining");
-  EXPECT_FALSE(jobs().wait_idle(50ms));
-  const auto before = jobs().get(running)->version;
+  EXPECT_EQ(submitter().submit(submission()).error().code, "draining");
+  EXPECT_FALSE(admission().wait_idle(50ms));
+  const auto before = lookup().get(running)->version;
   jobs().stop();
-  EXPECT_EQ(jobs().get(running)->state, JobState::kQueued);
+  EXPECT_EQ(lookup().get(running)->state, JobState::kQueued);
   start(fake_.instant());
   const proto::Job again = wait(running);
   EXPECT_EQ(again.state, JobState::kSucceeded);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include "server/base/clock.h"
 #include "server/base/event_ring.h"
 #include "server/base/ids.h"
 #include "tests/support/temp_files.h"

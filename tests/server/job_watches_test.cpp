@@ -78,8 +78,8 @@ TEST_F(WatchedJob, IsToldOfAtOnceWhenItHasMovedAlready) {
   const std::string id = submit();
   wait(id);
   int calls = 0;
-  const auto over = jobs().watch(id, std::nullopt, [&] { ++calls; });
-  const auto none = jobs().watch("job_none", std::nullopt, [&] { ++calls; });
+  const auto over = lookup().watch(id, std::nullopt, [&] { ++calls; });
+  const auto none = lookup().watch("job_none", std::nullopt, [&] { ++calls; });
   EXPECT_EQ(calls, 2);
 }
 
@@ -90,17 +90,17 @@ TEST_F(WatchedJob, LosesNoChange) {
   start(fake_.instant(), none_runs);
   const std::string id = submit();
   constexpr int kChanges = 200;
-  const std::uint64_t last = jobs().get(id)->version + kChanges;
+  const std::uint64_t last = lookup().get(id)->version + kChanges;
   std::jthread changer([&] {
     for (int i = 0; i < kChanges; ++i) {
       proto::JobPatch patch;
       patch.labels["n"] = std::to_string(i);
-      jobs().patch(id, patch, [](std::uint64_t) { return true; });
+      control().patch(id, patch, [](std::uint64_t) { return true; });
     }
   });
-  for (std::uint64_t version = 0; version < last; version = jobs().get(id)->version) {
+  for (std::uint64_t version = 0; version < last; version = lookup().get(id)->version) {
     const auto moved = std::make_shared<std::promise<void>>();
-    const auto watch = jobs().watch(id, version, [moved] { moved->set_value(); });
+    const auto watch = lookup().watch(id, version, [moved] { moved->set_value(); });
     ASSERT_EQ(moved->get_future().wait_for(20s), std::future_status::ready) << version;
   }
 }

@@ -19,7 +19,7 @@ class Memory : public jobs::JobServiceTest {
   std::string submit_sized(std::uint32_t bytes) {
     jobs::Submission s = submission();
     s.settings.solver.seed = bytes;
-    return jobs().submit(s).value().job.id;
+    return submitter().submit(s).value().job.id;
   }
   std::size_t count(const std::string& id, const std::string& code) {
     const auto all = events(id);
@@ -39,7 +39,7 @@ TEST_F(Memory, AJobOverTheBudgetFails) {
   reach(fits, proto::JobState::kRunning);
   fake_.go = true;
   EXPECT_EQ(wait(fits).state, proto::JobState::kSucceeded);
-  EXPECT_EQ(jobs().counts().reserved_bytes, 0u);
+  EXPECT_EQ(admission().counts().reserved_bytes, 0u);
 }
 
 TEST_F(Memory, WhatDoesNotFitWaitsInTheQueue) {
@@ -49,18 +49,18 @@ TEST_F(Memory, WhatDoesNotFitWaitsInTheQueue) {
   const std::string large = submit_sized(70);
   for (int i = 0; i < 2000 && count(large, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(jobs().get(large)->state, proto::JobState::kQueued);
-  EXPECT_EQ(jobs().get(large)->attempt, 1u);
-  EXPECT_EQ(jobs().get(large)->memory_estimate_bytes, 70u);
+  EXPECT_EQ(lookup().get(large)->state, proto::JobState::kQueued);
+  EXPECT_EQ(lookup().get(large)->attempt, 1u);
+  EXPECT_EQ(lookup().get(large)->memory_estimate_bytes, 70u);
   const std::string small = submit_sized(10);
   std::this_thread::sleep_for(100ms);
-  EXPECT_EQ(jobs().get(small)->state, proto::JobState::kQueued) << "behind the one that waits";
+  EXPECT_EQ(lookup().get(small)->state, proto::JobState::kQueued) << "behind the one that waits";
   EXPECT_EQ(fake_.imported, 2) << "what waits is not imported again and again";
-  EXPECT_EQ(jobs().counts().reserved_bytes, 60u);
-  EXPECT_TRUE(jobs().cancel(first));
+  EXPECT_EQ(admission().counts().reserved_bytes, 60u);
+  EXPECT_TRUE(control().cancel(first));
   reach(large, proto::JobState::kRunning);
   reach(small, proto::JobState::kRunning);
-  EXPECT_EQ(jobs().counts().reserved_bytes, 80u);
+  EXPECT_EQ(admission().counts().reserved_bytes, 80u);
   fake_.go = true;
   EXPECT_EQ(wait(large).state, proto::JobState::kSucceeded);
   EXPECT_EQ(wait(small).state, proto::JobState::kSucceeded);
@@ -75,10 +75,10 @@ TEST_F(Memory, WhatWaitsCanBeCanceledAndSurvivesTheProcess) {
   const std::string canceled = submit_sized(20), kept = submit_sized(30);
   for (int i = 0; i < 2000 && count(canceled, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(jobs().cancel(canceled)->state, proto::JobState::kCancelled);
+  EXPECT_EQ(control().cancel(canceled)->state, proto::JobState::kCanceled);
   for (int i = 0; i < 2000 && count(kept, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_EQ(jobs().get(kept)->state, proto::JobState::kQueued);
+  EXPECT_EQ(lookup().get(kept)->state, proto::JobState::kQueued);
   jobs().stop();
   fake_.go = true;
   // The budget of the next process is smaller: what was let in once is looked at again.
@@ -114,7 +114,7 @@ TEST_F(Memory, AJobsImportDrawsOnItsReservation) {
   const std::string second = submit_sized(700);
   for (int i = 0; i < 2000 && count(second, "waits_for_memory") == 0; ++i)
     std::this_thread::sleep_for(5ms);
-  EXPECT_TRUE(jobs().cancel(first));
+  EXPECT_TRUE(control().cancel(first));
   reach(second, proto::JobState::kRunning);  // with 700 and, for its import, 500 of 800
   fake_.go = true;
   EXPECT_EQ(wait(second).state, proto::JobState::kSucceeded);
@@ -131,7 +131,7 @@ TEST_F(Memory, AJobThatWaitsForAnImportIsLeftInPeace) {
     for (int i = 0; i < 2000 && count(id, "waits_for_memory") == 0; ++i)
       std::this_thread::sleep_for(5ms);
     std::this_thread::sleep_for(100ms);
-    EXPECT_EQ(jobs().get(id)->state, proto::JobState::kQueued);
+    EXPECT_EQ(lookup().get(id)->state, proto::JobState::kQueued);
     EXPECT_EQ(fake_.imported, 1) << "though no other job runs";
   }
   reach(id, proto::JobState::kRunning);

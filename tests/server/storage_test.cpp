@@ -4,6 +4,7 @@
 #include <csignal>
 #include <fstream>
 
+#include "server/base/clock.h"
 #include "server/base/ids.h"
 #include "server/data/data_folder.h"
 #include "server/data/scene_store.h"
@@ -91,7 +92,29 @@ TEST(Ids, AreLongAndSortByAge) {
        {"", "job_", "job_../../../etc/passwd.......", "scn_01234567890123456789012345",
         "job_0123456789012345678901234", "job_0123456789012345678901234A"})
     EXPECT_FALSE(base::is_id(bad, "job_")) << bad;
-  EXPECT_EQ(base::now_rfc3339().size(), std::string("2026-01-01T00:00:00.000Z").size());
+}
+
+TEST(Clock, WritesTimesThatSort) {
+  using std::chrono::seconds;
+  const std::string now = base::now_rfc3339(), later = base::now_rfc3339(seconds(1));
+  EXPECT_EQ(now.size(), std::string("2026-01-01T00:00:00.000Z").size());
+  EXPECT_LT(now, later);
+  EXPECT_TRUE(now.starts_with(base::today()) || base::now_rfc3339().starts_with(base::today()));
+}
+
+TEST(Clock, AddsSecondsToItsOwnTextsOnly) {
+  using std::chrono::seconds;
+  EXPECT_EQ(base::seconds_after("2024-02-28T23:59:59.042Z", seconds(1)),
+            "2024-02-29T00:00:00.042Z");
+  EXPECT_EQ(base::seconds_after("2026-12-31T23:59:59.999Z", seconds(86'400)),
+            "2027-01-01T23:59:59.999Z");
+  EXPECT_EQ(base::seconds_after("2026-03-01T00:00:00.000Z", seconds(-1)),
+            "2026-02-28T23:59:59.000Z");
+  for (const char* bad :
+       {"", "now", "2026-01-01", "2026-01-01T00:00:00Z", "2026-01-01T00:00:00.000",
+        "2026-01-01T00:00:00.0000Z", "2026-13-01T00:00:00.000Z", "2026-02-30T00:00:00.000Z",
+        "2026-01-01T00:00:00.000+01:00", "2026-01-01T00:00:00.000Z "})
+    EXPECT_EQ(base::seconds_after(bad, seconds(1)), "") << bad;
 }
 
 }  // namespace

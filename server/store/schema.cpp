@@ -1,4 +1,4 @@
-#include "server/store/job_store_schema.h"
+#include "server/store/schema.h"
 
 #include <iterator>
 #include <string>

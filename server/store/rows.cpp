@@ -1,4 +1,4 @@
-#include "server/store/job_rows.h"
+#include "server/store/rows.h"
 
 #include <nlohmann/json.hpp>
 

@@ -1,8 +1,8 @@
 #include <algorithm>
 
 #include "server/base/event_ring.h"
-#include "server/store/job_rows.h"
 #include "server/store/job_store.h"
+#include "server/store/rows.h"
 
 /// The events of all jobs in one order. A row of `feed` names an event of a job; of each tenant the
 /// newest EventRing::kCapacity are kept, whose events no job has forgotten yet.

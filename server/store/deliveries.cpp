@@ -2,9 +2,10 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
+#include "server/base/clock.h"
 #include "server/base/ids.h"
-#include "server/store/job_rows.h"
 #include "server/store/job_store.h"
+#include "server/store/rows.h"
 
 /// Messages to webhooks that are not delivered yet.
 namespace kiln::store {

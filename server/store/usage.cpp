@@ -1,8 +1,8 @@
-#include "server/base/ids.h"
-#include "server/store/job_rows.h"
+#include "server/base/clock.h"
 #include "server/store/job_store.h"
+#include "server/store/rows.h"
 
-/// What tenants took, for their quotas.
+/// The usage of tenants, for their quotas.
 namespace kiln::store {
 
 void JobStore::add_usage(const std::string& tenant, const std::string& day, const Usage& more) {
@@ -14,7 +14,7 @@ void JobStore::add_usage(const std::string& tenant, const std::string& day, cons
         " UPDATE SET texels=texels+excluded.texels, cpu_seconds=cpu_seconds+excluded.cpu_seconds");
     add.bind(1, tenant).bind(2, day).bind(3, as_int(more.texels)).bind(4, more.cpu_seconds).step();
     auto forget = writer_.prepare("DELETE FROM usage WHERE tenant=? AND day<?");
-    forget.bind(1, tenant).bind(2, base::now_rfc3339(-kKept).substr(0, 10)).step();
+    forget.bind(1, tenant).bind(2, base::today(-kKept)).step();
   });
 }
 

@@ -1,4 +1,4 @@
-#include "server/jobs/job_words.h"
+#include "server/jobs/job_messages.h"
 
 #include <nlohmann/json.hpp>
 
@@ -11,10 +11,6 @@ proto::Unexpected no_such_job(const std::string& id) {
   return proto::fail("not_found", "There is no job " + id + ".");
 }
 
-std::string request_key(const std::string& tenant, const std::string& key) {
-  return tenant + " " + key;
-}
-
 void log_state(const proto::Job& job) {
   nlohmann::json fields{
       {"job", job.id}, {"state", proto::to_string(job.state)}, {"attempt", job.attempt}};
@@ -23,6 +19,10 @@ void log_state(const proto::Job& job) {
   if (job.cached) fields["cached"] = true;
   log_line(job.state == proto::JobState::kFailed ? base::LogLevel::kWarn : base::LogLevel::kInfo,
            "job", fields);
+}
+
+void log_store_failure(const std::string& job, const char* what) {
+  log_line(base::LogLevel::kError, "store", {{"job", job}, {"what", what}});
 }
 
 }  // namespace kiln::jobs

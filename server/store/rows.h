@@ -8,7 +8,7 @@
 #include "server/store/database.h"
 #include "server/store/job_store.h"
 
-/// How the job store's rows become jobs: for its own .cpp files.
+/// Makes jobs of the job store's rows: for its own .cpp files.
 namespace kiln::store {
 
 /// The beginning of every query that read_job_row() understands.

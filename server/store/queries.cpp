@@ -1,7 +1,7 @@
-#include "server/store/job_rows.h"
 #include "server/store/job_store.h"
+#include "server/store/rows.h"
 
-/// What the store tells, by its reader connection.
+/// The store's reads, by its reader connection.
 namespace kiln::store {
 
 std::optional<StoredJob> JobStore::find(const std::string& id) const {
