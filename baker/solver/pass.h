@@ -23,11 +23,13 @@ struct PassPlan {
   std::string name;                  ///< for people and reports; nothing is decided by it
   std::uint32_t index = 0;           ///< over the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
-  lightmap::PlaneSet reads;          ///< of the light before, by batches and by prepare()
-  lightmap::PlaneSet writes;         ///< by batches; what a TexelPatch of the pass holds
-  lightmap::PlaneSet finishes;       ///< by finish(); may name planes of `writes` too
-  Work work;                         ///< expected effort of the batches
-  Work finish_work;                  ///< and of what follows them
+  /// Planes of the light before that prepare() or batches read, of any texel. A process that
+  /// computes batches needs these, and of the texels of its own ranges `writes`, too.
+  lightmap::PlaneSet reads;
+  lightmap::PlaneSet writes;    ///< by batches; what a TexelPatch of the pass holds
+  lightmap::PlaneSet finishes;  ///< by finish(); may name planes of `writes` too
+  Work work;                    ///< expected effort of the batches
+  Work finish_work;             ///< and of what follows them
   /// The light has all its bounces afterwards. It is judged then, and shared planes are dropped.
   bool completes = false;
   Shows shows = Shows::kNothingNew;
