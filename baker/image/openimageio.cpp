@@ -32,7 +32,6 @@ namespace {
 using math::Rgb;
 
 constexpr const char* kName = "image";  // in messages: there is no file
-constexpr std::size_t kPieceBytes = std::size_t{1} << 20;
 
 std::unique_ptr<OIIO::ImageInput> reader_of(Format format) {
   switch (format) {

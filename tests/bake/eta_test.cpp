@@ -49,7 +49,8 @@ TEST(EtaEstimator, EveryKindOfWorkHasItsOwn) {
   EXPECT_NEAR(*pace.ahead(pass_of(solver::Work::other(10)), 0, all, now).seconds_left,
               10 * (5. / 20), 1e-9);
   // A round of both kinds takes half as long again as it should: both are held to be slower.
-  const solver::PassPlan round = pass_of(solver::Work::shadow_rays(10) + solver::Work::directions(10));
+  const solver::PassPlan round =
+      pass_of(solver::Work::shadow_rays(10) + solver::Work::directions(10));
   const solver::Work more = all + round.work;
   EXPECT_NEAR(*pace.ahead(round, 0.5, more, now + milliseconds(3750)).seconds_left,
               0.5 * (10 * 1.75 / 15 + 10 * 7. / 15) + 10 * (8.75 / 30), 0.3);

@@ -19,8 +19,8 @@ namespace {
 
 using Intersect = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRayHit16*);
 using Occluded = void (*)(const int*, RTCScene, RTCIntersectContext*, RTCRay16*);
-const auto intersect = reinterpret_cast<kiln::bench::Intersect>(dlsym(RTLD_NEXT, "rtcIntersect16"));
-const auto occluded = reinterpret_cast<kiln::bench::Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16"));
+const auto intersect = reinterpret_cast<Intersect>(dlsym(RTLD_NEXT, "rtcIntersect16"));
+const auto occluded = reinterpret_cast<Occluded>(dlsym(RTLD_NEXT, "rtcOccluded16"));
 
 }  // namespace
 
@@ -29,13 +29,13 @@ const auto occluded = reinterpret_cast<kiln::bench::Occluded>(dlsym(RTLD_NEXT, "
 void rtcIntersect16(const int* valid, RTCScene scene, RTCIntersectContext* context,
                     RTCRayHit16* query) {
   CALLGRIND_TOGGLE_COLLECT;
-  kiln::bench::intersect(valid, scene, context, query);
+  intersect(valid, scene, context, query);
   CALLGRIND_TOGGLE_COLLECT;
 }
 void rtcOccluded16(const int* valid, RTCScene scene, RTCIntersectContext* context,
                    RTCRay16* query) {
   CALLGRIND_TOGGLE_COLLECT;
-  kiln::bench::occluded(valid, scene, context, query);
+  occluded(valid, scene, context, query);
   CALLGRIND_TOGGLE_COLLECT;
 }
 
