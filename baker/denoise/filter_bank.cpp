@@ -122,10 +122,10 @@ class Filtering {
   Filtering(const SimilarityWeights& around, std::uint32_t texels)
       : around_(around), color_(texels), none_(texels) {}
 
-  void set(std::uint32_t t, const Color& mean, float spread) {
+  void set(std::uint32_t t, const Color& mean, float half_difference) {
     color_[t] = mean;
     const float all = all_light(mean);
-    none_[t] = {all + spread, all - spread};
+    none_[t] = {all + half_difference, all - half_difference};
   }
 
   /// Returns the variance of the light by its two halves, averaged over the texels around.
@@ -279,7 +279,7 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
       Filtering<PlainColor>(around, count), each, smooth_,
       [&](auto& signal, std::uint32_t t) {
         const math::Rgb d = light.direct[t];
-        signal.set(t, {{d.r, d.g, d.b, 0}}, light.direct_spread[t]);
+        signal.set(t, {{d.r, d.g, d.b, 0}}, light.direct_difference[t]);
       },
       [&](std::uint32_t t, const auto& chosen) { out.direct[t] = chosen.first_three(); },
       [&](std::uint32_t t, float variance) { out.direct_variance[t] = variance; });
@@ -287,8 +287,8 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
   const auto put_variance = [&](std::uint32_t t, float variance) {
     out.gathered_variance[t] = variance;
   };
-  const auto spread = [&](std::uint32_t t) {
-    return light.indirect_spread[t] + light.sky_spread[t];
+  const auto difference = [&](std::uint32_t t) {
+    return light.indirect_difference[t] + light.sky_difference[t];
   };
   bool gathered = false;
   if (has_sky_map_) {
@@ -296,7 +296,7 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
         Filtering<SkyColor>(around, count), each, smooth_,
         [&](auto& signal, std::uint32_t t) {
           const math::Rgb i = light.indirect[t], s = light.sky[t];
-          signal.set(t, {{i.r, i.g, i.b, s.r, s.g, s.b}}, spread(t));
+          signal.set(t, {{i.r, i.g, i.b, s.r, s.g, s.b}}, difference(t));
         },
         [&](std::uint32_t t, const auto& chosen) {
           out.indirect[t] = chosen.first_three();
@@ -310,7 +310,7 @@ std::optional<FilteredLight> FilterBank::run(const lightmap::Lightmap& light,
         Filtering<PlainColor>(around, count), each, smooth_,
         [&](auto& signal, std::uint32_t t) {
           const math::Rgb i = light.indirect[t];
-          signal.set(t, {{i.r, i.g, i.b, luminance(light.sky[t])}}, spread(t));
+          signal.set(t, {{i.r, i.g, i.b, luminance(light.sky[t])}}, difference(t));
         },
         [&](std::uint32_t t, const auto& chosen) {
           out.indirect[t] = chosen.first_three(), out.sky[t] = color * chosen.light.c[3];

@@ -35,7 +35,7 @@ struct FilteredLight {
 class FilterBank {
  public:
   /// @param smooth false: the light stays as it is, and its variance is the mean of its squared
-  /// spread over the texels around
+  /// half difference over the texels around
   /// @param sky its radiance, the same in every direction
   /// @param has_sky_map the sky has its own color on every texel
   FilterBank(const atlas::TextureGroup& texels, math::Rgb sky, bool smooth,

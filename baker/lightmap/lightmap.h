@@ -34,8 +34,8 @@ struct Lightmap {
   /// gives the share of the texel's rays that met no back face.
   Plane<float> validity;
 
-  /// The difference of two halves of the samples in luminance, see Estimate::spread.
-  Plane<float> direct_spread, sky_spread, indirect_spread;
+  /// The half difference of two halves of the samples in luminance, see Estimate::half_difference.
+  Plane<float> direct_difference, sky_difference, indirect_difference;
   /// Shadow rays towards area lights, and directions or paths, that the light was taken from.
   Plane<std::uint32_t> direct_samples, samples;
   /// The doublings of the next round; the same for all texels of a tile.
@@ -57,9 +57,9 @@ struct Lightmap {
         sky(texels),
         indirect(texels),
         validity(texels, 1.f),
-        direct_spread(texels),
-        sky_spread(texels),
-        indirect_spread(texels),
+        direct_difference(texels),
+        sky_difference(texels),
+        indirect_difference(texels),
         direct_samples(texels),
         samples(texels),
         doublings(texels) {
@@ -82,8 +82,9 @@ struct Lightmap {
   static void for_planes(Light& light, const Use& use) {
     use(PlaneId::kDirect, light.direct), use(PlaneId::kSky, light.sky);
     use(PlaneId::kIndirect, light.indirect), use(PlaneId::kValidity, light.validity);
-    use(PlaneId::kDirectSpread, light.direct_spread), use(PlaneId::kSkySpread, light.sky_spread);
-    use(PlaneId::kIndirectSpread, light.indirect_spread);
+    use(PlaneId::kDirectDifference, light.direct_difference),
+        use(PlaneId::kSkyDifference, light.sky_difference);
+    use(PlaneId::kIndirectDifference, light.indirect_difference);
     use(PlaneId::kDirectSamples, light.direct_samples), use(PlaneId::kSamples, light.samples);
     use(PlaneId::kDoublings, light.doublings), use(PlaneId::kRadiosity, light.radiosity);
     use(PlaneId::kGathers, light.gathers), use(PlaneId::kHits, light.hits);
@@ -161,9 +162,9 @@ class LightmapView {
     open(PlaneId::kDirect, to.direct, direct), open(PlaneId::kSky, to.sky, sky);
     open(PlaneId::kIndirect, to.indirect, indirect);
     open(PlaneId::kValidity, to.validity, validity);
-    open(PlaneId::kDirectSpread, to.direct_spread, direct_spread);
-    open(PlaneId::kSkySpread, to.sky_spread, sky_spread);
-    open(PlaneId::kIndirectSpread, to.indirect_spread, indirect_spread);
+    open(PlaneId::kDirectDifference, to.direct_difference, direct_difference);
+    open(PlaneId::kSkyDifference, to.sky_difference, sky_difference);
+    open(PlaneId::kIndirectDifference, to.indirect_difference, indirect_difference);
     open(PlaneId::kDirectSamples, to.direct_samples, direct_samples);
     open(PlaneId::kSamples, to.samples, samples);
     open(PlaneId::kRadiosity, to.radiosity, radiosity),
@@ -173,7 +174,7 @@ class LightmapView {
   }
 
   Column<math::Rgb> direct, sky, indirect, radiosity;
-  Column<float> validity, direct_spread, sky_spread, indirect_spread;
+  Column<float> validity, direct_difference, sky_difference, indirect_difference;
   Column<std::uint32_t> direct_samples, samples;
   Column<std::uint8_t> gathers;
   HitColumn hits;

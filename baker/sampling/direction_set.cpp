@@ -78,11 +78,11 @@ Estimate DirectionSet::estimate(math::Rgb first_sum, math::Rgb second_sum) const
   Estimate e;
   e.mean = (first_sum + second_sum) * (1 / n);
   if (b == 0) {
-    e.spread = luminance(e.mean);
+    e.half_difference = luminance(e.mean);
   } else {
     const float half =
         (luminance(first_sum) / a - luminance(second_sum) / b) * std::sqrt(a * b) / n;
-    e.spread = half * (is_low_discrepancy ? kNetSpread : 1);
+    e.half_difference = half * (is_low_discrepancy ? kNetCorrection : 1);
   }
   return e;
 }

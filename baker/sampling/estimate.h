@@ -12,10 +12,10 @@ struct Estimate {
   math::Rgb mean;
   /// The half of the difference of the luminance that the two halves give, as if they were
   /// independent: its square is an estimate of the variance of the mean's luminance.
-  float spread = 0;
+  float half_difference = 0;
 
   Estimate& operator+=(const Estimate& o) {
-    mean += o.mean, spread += o.spread;
+    mean += o.mean, half_difference += o.half_difference;
     return *this;
   }
 };
@@ -25,7 +25,7 @@ struct Estimate {
 /// difference is the square root of 4^a - 1 times the error of the whole. Factors on it for what
 /// was measured: a = 0.65, at the lower end of what gathers and samples of many lights have, and
 /// 0.75 for the visible share of one lamp.
-inline constexpr float kNetSpread = 0.827f, kLampNetSpread = 0.740f;
+inline constexpr float kNetCorrection = 0.827f, kPolygonNetCorrection = 0.740f;
 
 /// Sums over two halves of the samples, each of which estimates half of what arrives.
 struct HalfSums {

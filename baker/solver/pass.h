@@ -24,11 +24,13 @@ struct PassPlan {
   std::string name;                  ///< for people and reports only
   std::uint32_t index = 0;           ///< number in the whole bake
   std::uint32_t batch_texels = 256;  ///< texels in one batch: at most about 50 ms of work
-  lightmap::PlaneSet reads;          ///< what batches and prepare() read of the light before
-  lightmap::PlaneSet writes;         ///< what batches write, and a TexelPatch of the pass holds
-  lightmap::PlaneSet finishes;       ///< what finish() writes; may name planes of `writes` too
-  Work work;                         ///< expected effort of the batches
-  Work finish_work;                  ///< expected effort of finish()
+  /// The planes of the light before that prepare() or batches read, of any texel. A process that
+  /// computes batches needs these, and `writes` of the texels of its own ranges.
+  lightmap::PlaneSet reads;
+  lightmap::PlaneSet writes;    ///< what batches write, and a TexelPatch of the pass holds
+  lightmap::PlaneSet finishes;  ///< what finish() writes; may name planes of `writes` too
+  Work work;                    ///< expected effort of the batches
+  Work finish_work;             ///< expected effort of finish()
   /// The light has all its bounces afterwards. It is judged then, and shared planes are dropped.
   bool completes = false;
   Shows shows = Shows::kNothingNew;

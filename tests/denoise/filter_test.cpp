@@ -61,7 +61,7 @@ lightmap::Lightmap noisy(const atlas::TextureGroup& texels, float sigma,
     const float a = e + normal(random), b = e + normal(random);
     const math::Rgb mean{(a + b) / 2, (a + b) / 2, (a + b) / 2};
     light.indirect[t] = light.direct[t] = mean;
-    light.indirect_spread[t] = light.direct_spread[t] = (a - b) / 2;
+    light.indirect_difference[t] = light.direct_difference[t] = (a - b) / 2;
   }
   return light;
 }

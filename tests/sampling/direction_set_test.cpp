@@ -42,9 +42,10 @@ TEST(DirectionSet, HalvesOfItsLeadingDirectionsAreHalvesOfAll) {
   // The mean of 32 directions, of which 16 bring 1 and 16 bring 3.
   const Estimate e = some.estimate(math::Rgb{16, 16, 16}, math::Rgb{48, 48, 48});
   EXPECT_FLOAT_EQ(e.mean.g, 2);
-  EXPECT_NEAR(e.spread, -kNetSpread, 1e-5) << "half the difference, as of a net";
+  EXPECT_NEAR(e.half_difference, -kNetCorrection, 1e-5) << "half the difference, as of a net";
   const DirectionSet chance(0, 32, false, false);
-  EXPECT_NEAR(chance.estimate(math::Rgb{16, 16, 16}, math::Rgb{48, 48, 48}).spread, -1, 1e-5);
+  EXPECT_NEAR(chance.estimate(math::Rgb{16, 16, 16}, math::Rgb{48, 48, 48}).half_difference, -1,
+              1e-5);
 }
 
 }  // namespace

@@ -40,8 +40,9 @@ Parts by_seeds(const test::ReadyScene& ready, proto::SolverSettings settings, in
     auto& r = indirect.emplace_back(n);
     for (std::uint32_t t = 0; t < n; ++t) {
       d[t] = double(luminance(light.direct[t])), r[t] = double(luminance(light.indirect[t]));
-      parts.direct.told += std::pow(double(light.direct_spread[t]), 2) / (seeds * double(n));
-      parts.indirect.told += std::pow(double(light.indirect_spread[t]), 2) / (seeds * double(n));
+      parts.direct.told += std::pow(double(light.direct_difference[t]), 2) / (seeds * double(n));
+      parts.indirect.told +=
+          std::pow(double(light.indirect_difference[t]), 2) / (seeds * double(n));
     }
   }
   const auto finish = [&](const std::vector<std::vector<double>>& by_seed, Seeds& s) {

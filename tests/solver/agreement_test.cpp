@@ -130,7 +130,7 @@ TEST(RayPatterns, AllGiveTheSameLight) {
     double sum = 0, square = 0;
     for (std::uint32_t t = 0; t < solution.light->size(); ++t) {
       sum += luminance(solution.light->indirect[t]);
-      square += std::pow(double(solution.light->indirect_spread[t]), 2);
+      square += std::pow(double(solution.light->indirect_difference[t]), 2);
     }
     return std::pair(sum / solution.light->size(), std::sqrt(square) / solution.light->size());
   };

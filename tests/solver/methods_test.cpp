@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "baker/solve.h"
 #include "proto/json.h"
@@ -60,6 +62,57 @@ TEST(Methods, PassesChangeOnlyThePlanesThatTheyDeclare) {
     exec::ThreadPool pool(2);
     ASSERT_TRUE(baker::solve(world, *solver, pool, {}, hooks));
     EXPECT_GT(kept, 0u);
+  }
+}
+
+/// The light with nonsense in the planes that are not in `kept`.
+lightmap::Lightmap blinded(const lightmap::Lightmap& light, const lightmap::PlaneSet& kept) {
+  lightmap::Lightmap blind = light;
+  const auto others = light.planes() & ~kept & ~lightmap::shared_planes();
+  blind.detach(others);
+  lightmap::Lightmap::for_planes(blind, others, [](lightmap::PlaneId, auto& plane) {
+    std::ranges::fill(plane.bytes(0, plane.size()), std::byte{0x7f});
+  });
+  if (!contains(kept, lightmap::PlaneId::kHits)) blind.hits.drop();
+  return blind;
+}
+
+/// What the first batch of the pass brings.
+std::string first_batch(std::unique_ptr<Pass> pass, const lightmap::Lightmap& before,
+                        const exec::Workers& workers) {
+  if (!pass->prepare(before, workers)) return "stopped";
+  const std::uint32_t end = std::min(pass->plan().batch_texels, before.size());
+  return compute_patch(*pass, {0, end}, before).values;
+}
+
+// What another process has to be sent for a pass: the planes that it reads.
+TEST(Methods, PassesReadOnlyThePlanesThatTheyDeclare) {
+  const test::ReadyScene room("cornell", 0, 48);
+  for (const baker::Method& method : baker::methods()) {
+    proto::SolverSettings settings;
+    settings.method = method.id;
+    if (!method.adaptive) settings.samples = 48;
+    const World world = room.world(settings, {.target_error = 0.02f});
+    const auto solver = method.make(world);
+    std::vector<proto::PassReport> done;
+    std::set<std::string> seen;
+    exec::ThreadPool pool(2);
+    baker::SolveHooks hooks;
+    hooks.on_pass = [&](const PassPlan&, const proto::PassReport& report,
+                        std::shared_ptr<const lightmap::Lightmap> light) -> proto::Expected<void> {
+      done.push_back(report);
+      auto pass = solver->next(done);
+      if (!pass) return {};
+      const auto kept = pass->plan().reads | pass->plan().writes;
+      const std::string expected = first_batch(std::move(pass), *light, {pool, {}});
+      EXPECT_EQ(first_batch(solver->next(done), blinded(*light, kept), {pool, {}}), expected)
+          << method.name() << " after " << report.name;
+      EXPECT_FALSE(expected.empty());
+      seen.insert(report.name);
+      return {};
+    };
+    ASSERT_TRUE(baker::solve(world, *solver, pool, {}, hooks));
+    EXPECT_GE(seen.size(), method.adaptive ? 4u : 1u);
   }
 }
 

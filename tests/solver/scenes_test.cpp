@@ -36,8 +36,8 @@ Baked bake(const test::ReadyScene& ready, const proto::SolverSettings& settings)
   double square = 0;
   for (std::uint32_t t = 0; t < light.size(); ++t) {
     baked.light.push_back(light.irradiance(t));
-    square += std::pow(double(light.direct_spread[t]), 2) +
-              std::pow(double(light.sky_spread[t] + light.indirect_spread[t]), 2);
+    square += std::pow(double(light.direct_difference[t]), 2) +
+              std::pow(double(light.sky_difference[t] + light.indirect_difference[t]), 2);
   }
   baked.told = std::sqrt(square / light.size());
   return baked;

@@ -239,7 +239,7 @@ TEST_P(SkyByEveryMethod, AMapOfOneValueIsAUniformSky) {
   for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
     const float e = uniform.light->irradiance(t).g;
     EXPECT_NEAR(map.light->irradiance(t).g, e, 1e-4f * e);
-    EXPECT_NEAR(map.light->sky_spread[t], uniform.light->sky_spread[t], 1e-4f * e);
+    EXPECT_NEAR(map.light->sky_difference[t], uniform.light->sky_difference[t], 1e-4f * e);
   }
 }
 
@@ -377,8 +377,8 @@ TEST(SkyMapAgreement, TheSpreadIsTheErrorBetweenSeeds) {
     for (std::uint32_t t = 0; t < n; ++t) {
       const double e = luminance(solution.light->irradiance(t));
       sum[t] += e, square[t] += e * e;
-      told += (std::pow(double(solution.light->direct_spread[t]), 2) +
-               std::pow(double(solution.light->sky_spread[t]), 2)) /
+      told += (std::pow(double(solution.light->direct_difference[t]), 2) +
+               std::pow(double(solution.light->sky_difference[t]), 2)) /
               kSeeds;
     }
   }

@@ -24,9 +24,9 @@ Scatter scatter_of(const lightmap::Lightmap& light, atlas::TexelRange tile, doub
   for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
     s.light += double(luminance(light.direct[t] + light.sky[t])) +
                all_bounces * double(luminance(light.indirect[t]));
-    s.direct += square(double(light.direct_spread[t]));
-    s.gathered +=
-        square(double(light.sky_spread[t]) + all_bounces * double(light.indirect_spread[t]));
+    s.direct += square(double(light.direct_difference[t]));
+    s.gathered += square(double(light.sky_difference[t]) +
+                         all_bounces * double(light.indirect_difference[t]));
   }
   const double n = tile.size();
   return {s.light / n, s.direct / n, s.gathered / n};

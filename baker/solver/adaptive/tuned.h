@@ -1,22 +1,23 @@
 #pragma once
 
-/// The numbers of adaptive sampling that were tuned rather than derived, with what they were read
-/// from. They decide how soon a target is reached and how well the time left is told; the light
-/// that a sample brings does not depend on them.
+/// The numbers of adaptive sampling that were tuned rather than derived. They decide how soon a
+/// target is reached and how well the time left is foretold; the light that a sample brings does
+/// not depend on them. scripts/bench measures a change of them: its results are the tables of
+/// presets and of slopes in docs/performance.md.
 namespace kiln::solver::adaptive::tuned {
 
-// docs/how-it-works.md, "Error": what the measure percentile_95 counts.
+// docs/how-it-works.md says what the measure percentile_95 counts.
 /// Light is judged against itself plus this share of the scene's mean.
 inline constexpr float kDarkShare = 0.02f;
 
-// docs/performance.md, table of slopes (scripts/bench, methods without a filter): 0.65 is the lower
-// end over its scenes.
+// Table of slopes: many_lights without a filter has 0.65, other scenes 0.59 to 0.81.
 /// Power of the number of samples with which the error falls, by which rounds are chosen.
 inline constexpr double kSlope = 0.65;
 /// The same power over all rounds together, for the estimate of the remaining time.
 inline constexpr double kExpectedSlope = 0.47;
 
-// Chosen on the scenes of scripts/bench so that few rounds follow and few samples are wasted.
+// Chosen by hand over the scenes of scripts/bench, so that few rounds follow and few samples are
+// wasted; the single measurements were not kept.
 /// A part of the light takes more samples where it has this share of the variance or more.
 inline constexpr float kMinVarianceShare = 0.25f;
 /// The most doublings of one round.
@@ -25,7 +26,8 @@ inline constexpr double kMostDoublings = 3;
 /// a small rest.
 inline constexpr double kTargetMargin = 0.97;
 
-// Means over the scenes of scripts/bench, for the first forecast only.
+// Means over the scenes of scripts/bench, for the first forecast only; the single measurements were
+// not kept.
 /// Share of the variance of direct light that the filter leaves, by few lights and by many.
 inline constexpr double kLeftOfDirect = 0.25, kLeftOfManyLights = 0.1;
 /// Share of the variance of gathered light that the filter leaves.

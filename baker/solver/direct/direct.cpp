@@ -25,7 +25,8 @@ class ShadowBatch {
  public:
   explicit ShadowBatch(const World& world)
       : rays_(world.rays),
-        spread_(world.settings.uses(proto::Technique::kLowDiscrepancy) ? sampling::kNetSpread : 1) {
+        correction_(
+            world.settings.uses(proto::Technique::kLowDiscrepancy) ? sampling::kNetCorrection : 1) {
   }
 
   void add(math::Vec3 origin, const light::ShadowRay& ray, math::Rgb value, bool second_half) {
@@ -46,14 +47,14 @@ class ShadowBatch {
   sampling::Estimate take_estimate() {
     flush();
     sampling::Estimate e = std::exchange(sum_, sampling::HalfSums{}).estimate();
-    e.spread *= spread_;
+    e.half_difference *= correction_;
     return e;
   }
   std::uint64_t traced() const { return traced_; }
 
  private:
   const trace::RayScene& rays_;
-  const float spread_;  ///< factor: of a net or of independent samples
+  const float correction_;  ///< factor: of a net or of independent samples
   trace::RayPacket packet_;
   std::uint32_t waiting_ = 0;
   bool second_[16];
@@ -69,8 +70,8 @@ float receiver_cosine(const Footprint& at, std::uint32_t point, math::Vec3 direc
 }
 
 /// Returns the light of punctual lights, from every point of the footprint. It has no part in the
-/// spread: the points are the same whatever the number of samples, and two halves of them differ by
-/// far more than all of them do from the footprint.
+/// half difference: the points are the same whatever the number of samples, and two halves of them
+/// differ by far more than all of them do from the footprint.
 math::Rgb punctual_light(const World& world, const Footprint& at, ShadowBatch& shadows) {
   constexpr float kShare = 1.f / Footprint::kPoints;
   for (const scene::PunctualLight& light : world.lights.punctual())
@@ -329,8 +330,8 @@ class FewLights {
     for (std::size_t k = 0; k < shadows.size(); ++k) {
       if (lit && blocked) traced_ += shadows[k].send_until(shadows[k].packets());
       const PolygonLight::Arrived a = shadows[k].arrived();
-      arrived[of[k]] +=
-          sampling::Estimate{light.radiance * a.irradiance, luminance(light.radiance) * a.spread};
+      arrived[of[k]] += sampling::Estimate{light.radiance * a.irradiance,
+                                           luminance(light.radiance) * a.half_difference};
     }
   }
 

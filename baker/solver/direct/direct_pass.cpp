@@ -19,7 +19,7 @@ class DirectPass final : public Pass {
     const std::uint32_t count = world_.plan.shadow_rays;
     return light_.run(range, 0, count, [&](std::uint32_t t, const sampling::Estimate& e) {
       after.direct[t] = e.mean;
-      after.direct_spread[t] = e.spread;
+      after.direct_difference[t] = e.half_difference;
       after.direct_samples[t] = count;
     });
   }
@@ -33,7 +33,7 @@ class DirectPass final : public Pass {
 
 std::unique_ptr<Pass> make_direct_pass(const World& world, PassPlan plan) {
   plan.writes =
-      lightmap::plane_set({PlaneId::kDirect, PlaneId::kDirectSpread, PlaneId::kDirectSamples});
+      lightmap::plane_set({PlaneId::kDirect, PlaneId::kDirectDifference, PlaneId::kDirectSamples});
   plan.work = direct_work(world);
   return std::make_unique<DirectPass>(world, std::move(plan));
 }

@@ -141,7 +141,7 @@ float PolygonLight::Shadow::irradiance(const Sums& s) const {
 PolygonLight::Arrived PolygonLight::Shadow::arrived() const {
   const Sums &a = half_[0], &b = half_[1];
   const Sums all{a.sent + b.sent, a.arrived + b.arrived, a.rays + b.rays};
-  const float net = all_.low_discrepancy_ ? sampling::kLampNetSpread : 1;
+  const float net = all_.low_discrepancy_ ? sampling::kPolygonNetCorrection : 1;
   return {irradiance(all), net * (irradiance(a) - irradiance(b)) / 2};
 }
 

@@ -35,7 +35,7 @@ class PolygonLight {
 
   /// The irradiance per unit radiance, with half the difference between two halves of the rays.
   struct Arrived {
-    float irradiance = 0, spread = 0;
+    float irradiance = 0, half_difference = 0;
   };
   class Shadow;
 

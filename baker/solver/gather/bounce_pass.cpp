@@ -22,10 +22,10 @@ class BouncePass final : public Pass {
     plan_.batch_texels = 1024;
     plan_.tail_scale = bounce.tail_scale;
     plan_.reads = lightmap::plane_set(
-        {kDirect, kSky, kIndirect, kIndirectSpread, kValidity, kRadiosity, kGathers, kHits});
-    plan_.writes = lightmap::plane_set({kIndirect, kIndirectSpread, kRadiosity});
+        {kDirect, kSky, kIndirect, kIndirectDifference, kValidity, kRadiosity, kGathers, kHits});
+    plan_.writes = lightmap::plane_set({kIndirect, kIndirectDifference, kRadiosity});
     if (parts.schedule.is_coarse())
-      plan_.finishes = lightmap::plane_set({kIndirect, kIndirectSpread});
+      plan_.finishes = lightmap::plane_set({kIndirect, kIndirectDifference});
     plan_.work = parts.schedule.look_up_work(bounce.directions);
   }
 
@@ -43,7 +43,7 @@ class BouncePass final : public Pass {
         const sampling::Estimate update =
             radiosity_.look_up(set_, before.hits.of(t).first(set_.size()));
         after.indirect[t] = before.indirect[t] + update.mean;
-        after.indirect_spread[t] = before.indirect_spread[t] + update.spread;
+        after.indirect_difference[t] = before.indirect_difference[t] + update.half_difference;
       }
       after.radiosity[t] = before.radiosity[t] + radiosity_.radiosity(t);
     }

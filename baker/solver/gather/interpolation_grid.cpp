@@ -53,10 +53,10 @@ bool InterpolationGrid::interpolate(lightmap::Lightmap& light, bool sky_too, std
       if (light.is_gathered(t)) continue;
       const Sites sites = around(t);
       fill(t, sites, light.indirect);
-      fill(t, sites, light.indirect_spread);
+      fill(t, sites, light.indirect_difference);
       if (!sky_too) continue;
       fill(t, sites, light.sky);
-      fill(t, sites, light.sky_spread);
+      fill(t, sites, light.sky_difference);
       light.samples[t] = std::max(light.samples[t], samples);
     }
   });

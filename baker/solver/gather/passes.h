@@ -62,7 +62,7 @@ std::uint64_t trace_some(const GatherParts& parts, atlas::TexelRange tile,
   for (const Hemisphere::Gathering& g : texels) {
     const sampling::Estimate sky = parts.sky_light(parts.set, g);
     after.validity[g.texel] = g.visible;
-    after.sky[g.texel] = sky.mean, after.sky_spread[g.texel] = sky.spread;
+    after.sky[g.texel] = sky.mean, after.sky_difference[g.texel] = sky.half_difference;
     after.samples[g.texel] = parts.set.size();
     after.gathers[g.texel] = 1;
   }
@@ -72,7 +72,7 @@ std::uint64_t trace_some(const GatherParts& parts, atlas::TexelRange tile,
 /// Returns the planes that trace_some() writes.
 inline lightmap::PlaneSet traced_planes() {
   using enum lightmap::PlaneId;
-  return lightmap::plane_set({kValidity, kSky, kSkySpread, kSamples, kGathers, kHits});
+  return lightmap::plane_set({kValidity, kSky, kSkyDifference, kSamples, kGathers, kHits});
 }
 
 }  // namespace kiln::solver::gather

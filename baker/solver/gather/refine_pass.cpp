@@ -15,7 +15,8 @@ class RefinePass final : public Pass {
   RefinePass(const GatherParts& parts, PassPlan plan) : Pass(std::move(plan)), parts_(parts) {
     plan_.reads = lightmap::plane_set({kDirect, kSky, kIndirect, kValidity});
     plan_.writes = traced_planes();
-    plan_.finishes = lightmap::plane_set({kSky, kSkySpread, kSamples, kIndirect, kIndirectSpread});
+    plan_.finishes =
+        lightmap::plane_set({kSky, kSkyDifference, kSamples, kIndirect, kIndirectDifference});
     plan_.work = parts.schedule.refine_work();
   }
 
@@ -30,7 +31,8 @@ class RefinePass final : public Pass {
   }
 
   bool finish(lightmap::Lightmap& after, const exec::Workers& workers) override {
-    if (parts_.world.settings.bounces > 0) after.indirect.clear(), after.indirect_spread.clear();
+    if (parts_.world.settings.bounces > 0)
+      after.indirect.clear(), after.indirect_difference.clear();
     return parts_.grid.interpolate(after, /*sky_too=*/true, parts_.set.size(), workers);
   }
 

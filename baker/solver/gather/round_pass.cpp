@@ -96,10 +96,10 @@ class RoundPass final : public Pass {
 
  private:
   static lightmap::PlaneSet shadow_ray_planes() {
-    return lightmap::plane_set({kDirect, kDirectSpread, kDirectSamples});
+    return lightmap::plane_set({kDirect, kDirectDifference, kDirectSamples});
   }
   static lightmap::PlaneSet direction_planes() {
-    return lightmap::plane_set({kSky, kSkySpread, kIndirect, kIndirectSpread, kSamples});
+    return lightmap::plane_set({kSky, kSkyDifference, kIndirect, kIndirectDifference, kSamples});
   }
   bool adds_directions() const { return !more_.empty(); }
 
@@ -107,7 +107,8 @@ class RoundPass final : public Pass {
                                 const lightmap::LightmapView& after) const {
     return direct_.run(tile, had, more, [&](std::uint32_t t, const sampling::Estimate& e) {
       after.direct[t] = sampling::joined(after.direct[t], had, e.mean, more);
-      after.direct_spread[t] = sampling::joined(after.direct_spread[t], had, e.spread, more);
+      after.direct_difference[t] =
+          sampling::joined(after.direct_difference[t], had, e.half_difference, more);
       after.direct_samples[t] = had + more;
     });
   }
@@ -127,15 +128,15 @@ class RoundPass final : public Pass {
     }
     const std::span texels(all.data(), count);
     parts_.hemisphere.follow(texels, set);
-    const auto join = [&](const sampling::Estimate& e, math::Rgb& mean, float& spread) {
+    const auto join = [&](const sampling::Estimate& e, math::Rgb& mean, float& difference) {
       mean = sampling::joined(mean, had, e.mean, more);
-      spread = sampling::joined(spread, had, e.spread, more);
+      difference = sampling::joined(difference, had, e.half_difference, more);
     };
     for (const Hemisphere::Gathering& g : texels) {
       const std::uint32_t t = g.texel;
-      join(parts_.sky_light(set, g), after.sky[t], after.sky_spread[t]);
+      join(parts_.sky_light(set, g), after.sky[t], after.sky_difference[t]);
       if (parts_.world.settings.bounces > 0)
-        join(radiosity_.look_up(set, g.hits), after.indirect[t], after.indirect_spread[t]);
+        join(radiosity_.look_up(set, g.hits), after.indirect[t], after.indirect_difference[t]);
     }
     return std::uint64_t(count) * more;
   }

@@ -18,10 +18,10 @@ class TracePass final : public Pass {
       : Pass(std::move(plan)), parts_(parts), radiosity_(parts.world) {
     plan_.reads = lightmap::plane_set({kDirect, kSky, kIndirect, kValidity, kRadiosity});
     plan_.writes = traced_planes();
-    if (compares_sites()) plan_.writes |= lightmap::plane_set({kIndirect, kIndirectSpread});
+    if (compares_sites()) plan_.writes |= lightmap::plane_set({kIndirect, kIndirectDifference});
     if (parts.schedule.is_coarse())
       plan_.finishes =
-          lightmap::plane_set({kSky, kSkySpread, kSamples, kIndirect, kIndirectSpread});
+          lightmap::plane_set({kSky, kSkyDifference, kSamples, kIndirect, kIndirectDifference});
     plan_.work = parts.schedule.trace_work();
   }
 
@@ -56,7 +56,7 @@ class TracePass final : public Pass {
     for (std::uint32_t t = tile.begin; t < tile.end; ++t) {
       if (!after.gathers[t]) continue;
       const sampling::Estimate e = radiosity_.look_up(parts_.set, after.hits.of(t));
-      after.indirect[t] = e.mean, after.indirect_spread[t] = e.spread;
+      after.indirect[t] = e.mean, after.indirect_difference[t] = e.half_difference;
     }
   }
 

@@ -218,8 +218,8 @@ class PathPass final : public Pass {
   PathPass(const World& world, PassPlan plan, std::uint32_t first, std::uint32_t count)
       : Pass(std::move(plan)), world_(world), first_(first), count_(count) {
     using enum lightmap::PlaneId;
-    plan_.writes = lightmap::plane_set({kDirect, kSky, kIndirect, kDirectSpread, kSkySpread,
-                                        kIndirectSpread, kValidity, kSamples});
+    plan_.writes = lightmap::plane_set({kDirect, kSky, kIndirect, kDirectDifference, kSkyDifference,
+                                        kIndirectDifference, kValidity, kSamples});
     plan_.reads = plan_.writes;
   }
 
@@ -233,17 +233,17 @@ class PathPass final : public Pass {
       Sums sums;
       bundle.follow(first_, count_, sums);
       const auto join = [&](const sampling::HalfSums& more, const lightmap::Plane<math::Rgb>& mean,
-                            const lightmap::Plane<float>& spread, math::Rgb& new_mean,
-                            float& new_spread) {
+                            const lightmap::Plane<float>& difference, math::Rgb& new_mean,
+                            float& new_difference) {
         const sampling::Estimate e = more.estimate();
         new_mean = mean[t] * old_share + e.mean * scale;
-        new_spread = spread[t] * old_share + e.spread * scale;
+        new_difference = difference[t] * old_share + e.half_difference * scale;
       };
-      join(sums.direct, before.direct, before.direct_spread, after.direct[t],
-           after.direct_spread[t]);
-      join(sums.sky, before.sky, before.sky_spread, after.sky[t], after.sky_spread[t]);
-      join(sums.indirect, before.indirect, before.indirect_spread, after.indirect[t],
-           after.indirect_spread[t]);
+      join(sums.direct, before.direct, before.direct_difference, after.direct[t],
+           after.direct_difference[t]);
+      join(sums.sky, before.sky, before.sky_difference, after.sky[t], after.sky_difference[t]);
+      join(sums.indirect, before.indirect, before.indirect_difference, after.indirect[t],
+           after.indirect_difference[t]);
       after.samples[t] = first_ + count_;
       const float open = float(count_ - bundle.behind());
       after.validity[t] = before.validity[t] * old_share + open * scale;
