@@ -13,8 +13,8 @@ constexpr double kHitBytes = sizeof(std::uint32_t);
 /// Hits of a texel that leave memory pages to rows of texels of their own: those of texels that are
 /// interpolated are then never taken. The share that is, at most.
 constexpr double kOwnPages = 512, kGatheredShare = 0.7;
-/// The bytes of what light, half differences and numbers of samples take in a round, or in a pass of
-/// paths.
+/// The bytes of what light, half differences and numbers of samples take in a round, or in a pass
+/// of paths.
 constexpr double kSampledPlanes = 56;
 /// The bytes of indirect light, its half difference and the radiosity read, which a bounce makes
 /// anew, and of the radiosity as the look-ups read it.

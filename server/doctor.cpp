@@ -69,7 +69,7 @@ Finding memory(const base::ServerConfig& config) {
   return f;
 }
 
-// A file's way to the disk, as every accepted job takes it: the median of some.
+// Measures how long a small file takes to the disk, as every accepted job does: the median of some.
 double fsync_seconds(const fs::path& path) {
   const proto::Fd fd(::open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600));
   if (!fd.valid()) return -1;
@@ -191,8 +191,6 @@ Finding sqlite() {
   return f;
 }
 
-}  // namespace
-
 Finding image_module() {
   const auto opened = image::open_module();
   if (opened) return {"image_module", Health::kOk, "OpenImageIO can be used", ""};
@@ -201,6 +199,8 @@ Finding image_module() {
       "Scenes with textures and all bakes fail. Install the program anew, with the packages that "
       "docker/Dockerfile lists."};
 }
+
+}  // namespace
 
 std::vector<Finding> examine(const base::ServerConfig& config) {
   return {processor(),

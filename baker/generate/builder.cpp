@@ -8,7 +8,7 @@
 namespace kiln::generate {
 namespace {
 
-/// A face of the cube [-1,1]^3: its center, and edges with center = edge_u x edge_v.
+/// Describes a face of the cube [-1,1]^3: its center, and edges with center = edge_u x edge_v.
 struct CubeFace {
   BoxFace face;
   math::Vec3 center, edge_u, edge_v;

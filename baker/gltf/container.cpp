@@ -1,5 +1,7 @@
 #include "baker/gltf/container.h"
 
+#include "proto/bytes.h"
+
 #include <cstddef>
 
 namespace kiln::gltf {
@@ -43,11 +45,7 @@ proto::Expected<void> take_chunk(Container& out, std::uint32_t index, std::uint3
 }  // namespace
 
 std::uint32_t u32_at(std::string_view bytes, std::size_t offset) {
-  std::uint32_t value = 0;
-  for (std::size_t i = 0; i < 4; ++i) {
-    value |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[offset + i])) << (8 * i);
-  }
-  return value;
+  return static_cast<std::uint32_t>(proto::little_endian(bytes.substr(offset, 4)));
 }
 
 std::uint64_t glb_bytes(std::size_t json_bytes, std::uint64_t binary_bytes) {

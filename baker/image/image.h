@@ -46,8 +46,8 @@ proto::Expected<void> decode_rgb(Header& header, std::span<math::Rgb> rgb, std::
                                  const std::stop_token&);
 
 /// Writes an OpenEXR file of one part in tiles, ZIP-compressed, `metadata` as text attributes; its
-/// bytes depend on the arguments only. Errors: `canceled`, `internal` and `sink_failed`: the
-/// sink's.
+/// bytes depend on the arguments only. Errors: `canceled`, `internal`, and `io_error`
+/// when the sink fails.
 proto::Expected<void> encode_exr(const ExrPlan&, FloatRows&, Sink&, const std::stop_token&);
 
 /// Returns PNG bytes of an 8-bit picture of 3 (RGB) or 4 (RGBA, straight) channels, row 0 = top.

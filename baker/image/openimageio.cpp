@@ -13,8 +13,8 @@
 
 #include "baker/image/module.h"
 
-// The functions that OpenImageIO's plug-in interface gives each format. They are called directly:
-// its registry would look into the environment and load every plug-in that it names.
+// OpenImageIO gives each format these functions. They are called directly, because its registry
+// would read the environment and load every plug-in that is named there.
 OIIO_NAMESPACE_BEGIN
 ImageInput* png_input_imageio_create();
 ImageInput* jpeg_input_imageio_create();

@@ -2,6 +2,8 @@
 // No parser of those ever sees a byte from outside.
 #include "baker/image/header.h"
 
+#include "proto/bytes.h"
+
 namespace kiln::image {
 namespace {
 
@@ -214,7 +216,7 @@ Expected<Header> webp_header(std::string_view bytes) {
       const auto w = extended.bytes(3), h = extended.bytes(3);
       if (extended.failed()) return invalid_image(kNoHeader);
       const auto size = [](std::string_view b) {
-        return 1u + (byte(b, 0) | unsigned(byte(b, 1)) << 8 | unsigned(byte(b, 2)) << 16);
+        return 1u + static_cast<std::uint32_t>(proto::little_endian(b));
       };
       header.size = canvas.emplace(Size{size(w), size(h)});
       if (header.animated) break;

@@ -1,5 +1,5 @@
-// The first picture of a TIFF file [TIFF 6.0, and BigTIFF], as a file that has its pixels' fields
-// and no others: no profile, thumbnail or text of it reaches a parser.
+// Reduces a TIFF file [TIFF 6.0, and BigTIFF] to its first picture and the fields of its pixels, so
+// that no profile, thumbnail or text reaches a parser.
 #include <algorithm>
 #include <initializer_list>
 #include <map>

@@ -71,7 +71,8 @@ const char* fault_of(math::Rgb c) {
   return nullptr;
 }
 
-/// Makes the values such as SkyMap has them.
+/// Converts the values to Rec. 709, refuses those that are no radiance, and sets negative ones to
+/// 0.
 Expected<void> finish_values(scene::SkyMap& map,
                              const std::optional<image::ColorConversion>& to_rec709,
                              gltf::WarningList& warnings, const std::stop_token& stop) {

@@ -8,7 +8,7 @@ namespace {
 
 using lightmap::PlaneId;
 
-/// The texels of a range in some planes, as a light of their own.
+/// Copies some planes of a range of texels into a light of its own.
 lightmap::Lightmap cut_out(const lightmap::Lightmap& light, atlas::TexelRange range,
                            const lightmap::PlaneSet& some) {
   std::vector<lightmap::PlaneSpec> state;

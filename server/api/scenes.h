@@ -14,7 +14,7 @@
 
 namespace kiln::api {
 
-/// Is baker::check_scene, or a test's stand-in.
+/// Checks a scene: import::check_scene(), sandbox::Importer::check(), or a test's stand-in.
 using CheckFunction =
     std::function<proto::Expected<void>(const files::SceneFiles&, const proto::BakeSettings&)>;
 

@@ -20,7 +20,7 @@ struct UploadLimits {
   std::uint64_t json_bytes = 4ull << 20;
 };
 
-/// The parts that bodies are received with.
+/// Holds what receive_upload() needs.
 struct Intake {
   const data::DataFolder& data;
   UploadLimits limits;

@@ -45,7 +45,7 @@ void add_doctor(CLI::App& app, Run& run) {
   command->add_flag("--json", *as_json, "Print a JSON document instead of lines");
   command->footer(
       R"(Takes the flags of `serve` and checks the machine for that service: processor, memory, disk,
-descriptors, ports, tokens, clock, SQLite. While the service runs, its ports are in use.
+descriptors, ports, tokens, clock, SQLite, image module. While the service runs, its ports are in use.
 
 Exit codes: 0 it can (warnings are only printed), 1 something must be fixed first, 2 wrong
 configuration.)");

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "proto/bytes.h"
 #include "proto/files.h"
 #include "proto/json.h"
 #include "proto/json_reader.h"
@@ -41,11 +42,9 @@ bool write_number(int fd, std::uint64_t value) {
 }
 
 std::optional<std::uint64_t> read_number(int fd) {
-  std::array<unsigned char, 8> bytes{};
+  std::array<char, 8> bytes{};
   if (::pread(fd, bytes.data(), bytes.size(), 0) != 8) return std::nullopt;
-  std::uint64_t value = 0;
-  for (std::size_t i = bytes.size(); i-- > 0;) value = value << 8 | bytes[i];
-  return value;
+  return proto::little_endian({bytes.data(), bytes.size()});
 }
 
 std::optional<PartialUpload> parse_record(const std::string& text) {

@@ -76,7 +76,7 @@ bool Listener::bind(std::uint16_t port) {
   socket_.reset();
   socket_ = listen_on(address_, port);
   if (!socket_.valid()) return false;
-  if (port_ == 0) port_ = port_of(socket_.get());  // bound again, it is the same: others read it
+  if (port_ == 0) port_ = port_of(socket_.get());  // a socket bound again keeps its port
   return true;
 }
 

@@ -60,7 +60,7 @@ class WaitingConnections final : private Loop::Watcher {
   void linger(ConnectionPtr);
   /// Wakes all that are parked, or will be.
   void wake_all();
-  /// Closes every connection. None goes on any more.
+  /// Closes every connection. Nothing is called for them afterwards.
   void close();
 
  private:

@@ -69,8 +69,8 @@ void Admission::Place::give_up(const Lock&) {
 JobPtr Admission::take_next(const Lock& lock) {
   if (draining_) return nullptr;
   JobQueue& queue = registry_.queue(lock);
-  // One job may always run: reserve() tells it when it is too large by itself. But it does not run
-  // while it would only learn that imports have what it needs: on_free() tells when they are done.
+  // One job may always run; reserve() refuses it if it is too large by itself. It waits while
+  // imports hold the memory; on_free() wakes it.
   const bool alone = queue.running() == 0 && memory_->imports_are_modest();
   const auto next = queue.take(limits_.tenant_running, alone ? UINT64_MAX : memory_->free_bytes());
   if (!next) return nullptr;

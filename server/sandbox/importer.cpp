@@ -29,7 +29,8 @@ using proto::Unexpected;
 
 constexpr const char* kSuffix = ".scene";
 constexpr std::size_t kKeptScenes = 4;  ///< of one upload, with different sky maps
-/// JPEGs decode to about ten times their size.
+/// A scene file is kept when it has at most the first many bytes and the second many for each byte
+/// of the upload: JPEGs decode to about ten times their size.
 constexpr std::uint64_t kAlwaysKept = 16ull << 20, kKeptPerByte = 16;
 
 /// A file that goes with its last descriptor.

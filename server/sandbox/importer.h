@@ -43,10 +43,9 @@ class Importer {
   /// Starts a process that does nothing. Errors: those of starting one.
   proto::Expected<Confinement> probe() const;
 
-  /// Checks as import::check_scene() does. One more error: `overloaded`, its turn did not come in
-  /// time. The process that
-  /// passed a scene is kept (checked_scenes.h) and imports it when open() asks for the same files
-  /// with the same sky map.
+  /// Checks as import::check_scene() does. The process that passed a scene is kept
+  /// (checked_scenes.h) and imports it when open() asks for the same files with the same sky map.
+  /// One more error: `overloaded`, its turn did not come in time.
   proto::Expected<void> check(const files::SceneFiles&, const proto::BakeSettings&,
                               std::stop_token = {}) const;
 

@@ -15,7 +15,7 @@ namespace kiln::webhooks {
 class WebhookSecrets {
  public:
   /// Blank lines and those that begin with # are left out.
-  /// Errors: `invalid_config` with the line's number, never with what stands there; `io_error`.
+  /// Errors: `invalid_config` with the line's number, never its text; `io_error`.
   static proto::Expected<WebhookSecrets> read(const std::filesystem::path&);
   static proto::Expected<WebhookSecrets> parse(const std::string& text);
 

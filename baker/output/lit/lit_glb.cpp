@@ -18,7 +18,7 @@ using proto::Unexpected;
 
 constexpr int kTriangles = 4;
 
-/// Extensions of a primitive that speak of its source's indices or order of triangles.
+/// These extensions of a primitive refer to its source's indices or order of triangles.
 constexpr const char* kOrderExtensions[] = {"FB_ngon_encoding", "CESIUM_primitive_outline"};
 constexpr const char* kDraco = "KHR_draco_mesh_compression";
 

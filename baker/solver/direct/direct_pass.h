@@ -7,12 +7,12 @@
 
 namespace kiln::solver::direct {
 
-/// The pass that all methods begin with which sample direct light apart from the rest: shadow rays
-/// from every texel, as many as the plan sends at first. Sets of the plan what it reads, writes and
-/// costs. @param world outlives the pass
+/// Makes the pass that samples direct light: shadow rays from every texel, as many as the plan
+/// sends at first. Methods that sample direct light apart begin with it. It fills in what the plan
+/// reads, writes and costs. @param world outlives the pass
 std::unique_ptr<Pass> make_direct_pass(const World& world, PassPlan plan);
 
-/// Its expected effort.
+/// Returns the expected effort of that pass.
 Work direct_work(const World&);
 
 }  // namespace kiln::solver::direct

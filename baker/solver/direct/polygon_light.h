@@ -45,7 +45,7 @@ class PolygonLight {
   const bool low_discrepancy_;
 };
 
-/// Sends the shadow rays of one texel to one lamp. What it is made of lives longer.
+/// Sends the shadow rays of one texel to one lamp. The objects that it refers to must outlive it.
 class PolygonLight::Shadow {
  public:
   /// @param first packets that were sent before, of the same sequence
