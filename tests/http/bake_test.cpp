@@ -138,7 +138,7 @@ TEST_F(Bakes, ACancelTakesLessThanASecond) {
   const auto began = std::chrono::steady_clock::now();
   EXPECT_EQ(ask(program.port(), "POST", "/v1/jobs/" + id + "/cancel").status, 202);
   ASSERT_TRUE(stream.wait_for("job.end"));
-  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1));
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1) * kSlowdown);
   EXPECT_NE(stream.events().back().data.find("\"canceled\""), std::string::npos);
   EXPECT_EQ(curl("-X POST " + job_url(id, "/cancel")).status, 200);
 }
