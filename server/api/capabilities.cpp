@@ -48,6 +48,8 @@ constexpr Limit kLimits[] = {
     {"tenant_cpu_seconds_per_day", configured<&ServerConfig::max_cpu_seconds_per_tenant_per_day>},
     {"tenant_requests_per_minute", configured<&ServerConfig::max_requests_per_minute_per_tenant>},
     {"token_requests_per_minute", configured<&ServerConfig::max_requests_per_minute_per_token>},
+    {"tenant_uploads", configured<&ServerConfig::max_uploads_per_tenant>},
+    {"address_uploads", configured<&ServerConfig::max_uploads_per_address>},
     {"upload_bytes", configured<&ServerConfig::max_upload_bytes>},
     {"request_json_bytes", configured<&ServerConfig::max_request_json_bytes>},
     {"memory_bytes", [](const LimitSources& from) { return from.part.admission.memory_limit(); }},
