@@ -30,8 +30,8 @@ struct Submission {
 struct RetryPolicy {
   std::chrono::milliseconds first{250}, longest{5000};
   std::chrono::milliseconds give_up{60'000};  ///< the time without an answer after which to give up
-  std::chrono::seconds silence{
-      60};  ///< a stream this long silent is dead: heartbeats come every 15 s
+  /// A stream that is silent for this long is dead: heartbeats come every 15 s.
+  std::chrono::seconds silence{60};
 };
 
 /// Talks to one service. Calls block, and each thread needs an object of its own. Errors are the

@@ -122,8 +122,8 @@ struct SolverSettings {
 
 struct SkySettings {
   std::array<float, 3> radiance{0, 0, 0};  ///< cd/m2, the same in every direction
-  std::optional<std::string>
-      map;             ///< name of an equirectangular side file; its light adds to radiance
+  /// The name of an equirectangular side file, whose light adds to radiance.
+  std::optional<std::string> map;
   float scale = 1;     ///< cd/m2 for a map's value of 1
   float rotation = 0;  ///< degrees by which the map is turned about +Y
 };
@@ -136,10 +136,10 @@ struct LightSettings {
   std::array<float, 3> color{1, 1, 1};     ///< linear Rec. 709
   float intensity = 1;                     ///< lx, cd, cd, cd/m2 by type
   std::array<float, 3> position{0, 0, 0};  ///< not used by directional
-  std::array<float, 3> direction{
-      0, -1, 0};               ///< the direction in which the light travels; not used by point
-  std::optional<float> range;  ///< m, point and spot; null: unlimited
-  float inner_cone_angle = 0;  ///< rad, spot
+  /// The direction in which the light travels; not used by point.
+  std::array<float, 3> direction{0, -1, 0};
+  std::optional<float> range;           ///< m, point and spot; null: unlimited
+  float inner_cone_angle = 0;           ///< rad, spot
   float outer_cone_angle = 0.7853982f;  ///< rad, spot
   float width = 1;                      ///< m, rect
   float height = 1;                     ///< m, rect

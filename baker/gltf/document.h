@@ -90,7 +90,7 @@ proto::Expected<Document> open_document(const files::SceneFiles&, const files::I
 proto::Expected<std::string_view> buffer_view_bytes(const Document&, int view,
                                                     const std::string& pointer);
 
-/// What a .glb or .gltf needs beside its own bytes.
+/// Says what a .glb or .gltf needs beside its own bytes.
 struct Needs {
   /// The names of the files of the relative URIs of its buffers and images (uri.h). URIs that name
   /// no such file are left out.

@@ -24,8 +24,8 @@ struct Forecast {
 /// the dark before the first pass.
 struct SolveStart {
   std::vector<proto::PassReport> passes;  ///< the passes that are done
-  std::shared_ptr<const lightmap::Lightmap>
-      light;  ///< the light after them; null before the first pass
+  /// The light after them; null before the first pass.
+  std::shared_ptr<const lightmap::Lightmap> light;
 };
 
 /// One light-transport method: the planes that it needs, and the order of its passes. It has no

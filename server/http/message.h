@@ -57,7 +57,7 @@ struct Receive {
 struct Deferred {
   std::chrono::steady_clock::time_point until;  ///< answers then in any case
   /// Called once. It calls `wake` when the answer can be given, from any thread, perhaps at once.
-  /// What it returns is kept until the request goes on.
+  /// The server keeps the returned object until the request goes on.
   std::function<std::shared_ptr<const void>(std::function<void()> wake)> watch;
   /// Makes the answer, on a request thread. Headers that came with this are added to it.
   std::function<Response(Request&)> answer;

@@ -13,8 +13,8 @@ namespace kiln::sandbox {
 /// While this lives, the pictures of this process are decoded and encoded by other processes, each
 /// forked from a zygote for one call and confined as an import is. This process never loads the
 /// image module, which would take 126 MiB and a fifth of a second. Calls come from many threads.
-/// One that fails because its process ends, lies, or can't be started gives Outcome::kUnavailable,
-/// which says so; where memory lacks, std::bad_alloc is thrown.
+/// A call whose process ends, lies, or can't be started gives Outcome::kUnavailable with the
+/// reason. It throws std::bad_alloc where memory lacks.
 class ImageProcesses {
  public:
   struct Options {

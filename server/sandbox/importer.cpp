@@ -348,25 +348,26 @@ proto::Expected<void> Importer::check(const files::SceneFiles& files,
   if (!product) return Unexpected(product.error());
   scene->product = std::move(*product);
   job.product = scene->product.get();
-  int failures = 0;
+  // A file that changes during the check has another name afterwards.
+  scene->files = identity_of(job.files);
+  bool took_more = false;
   const auto done =
       in_turn(options_, job, {}, stop, options_.patience,
               [&](const ImportProcessOptions& process, Place place) -> Expected<Confinement> {
                 auto checked = run_check_process(process, job, stop);
                 if (!checked) {
-                  ++failures;
+                  took_more = true;
                   return Unexpected(checked.error());
                 }
                 // Memory beyond what is set aside for it is not held while it sleeps: bakes may
                 // want it.
-                if (failures > 0) return Confinement{};
+                if (took_more) return Confinement{};
                 scene->process = std::move(*checked);
                 scene->memory_bytes = process.memory_bytes;
                 if (place) scene->place.emplace(std::move(*place));
                 return Confinement{};
               });
   if (!done) return Unexpected(done.error());
-  scene->files = identity_of(job.files);
   if (scene->process) checked_->put(std::move(scene));
   return {};
 }

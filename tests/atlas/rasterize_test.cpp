@@ -285,14 +285,21 @@ void expect_color(math::Rgb actual, math::Rgb expected) {
   EXPECT_NEAR(actual.b, expected.b, 1e-5f * std::max(1.f, expected.b));
 }
 
-// Four pixels to a texel, and sixteen points of which each pixel gets four: the mean is exact.
-TEST(Rasterize, AlbedoIsTheTexturesMeanOverTheFootprint) {
+/// Makes a parallelogram, slanted by `slant`, with a texture of `side` pixels over its lightmap
+/// UVs.
+scene::Scene textured_quad(float slant, math::Rgb color, std::uint32_t side) {
   SceneBuilder b;
-  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}));
+  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {slant, 1, 0}));
   scene::Scene scene = b.build();
   scene.base_uv = scene.lightmap_uv;
-  scene.materials[0].base_color = {0.9f, 0.5f, 0.25f};
-  scene.materials[0].base_texture = add_image(scene, 16, pattern);
+  scene.materials[0].base_color = color;
+  scene.materials[0].base_texture = add_image(scene, side, pattern);
+  return scene;
+}
+
+// Four pixels to a texel, and sixteen points of which each pixel gets four: the mean is exact.
+TEST(Rasterize, AlbedoIsTheTexturesMeanOverTheFootprint) {
+  const scene::Scene scene = textured_quad(0, {0.9f, 0.5f, 0.25f}, 16);
   const auto group = rasterize(scene, as_is(scene, 8));
   ASSERT_TRUE(group);
   ASSERT_EQ(group->size(), 64u);
@@ -308,12 +315,7 @@ void expect_same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
 }
 
 TEST(Rasterize, AnyNumberOfThreadsGivesTheSameBits) {
-  SceneBuilder b;
-  b.part(test::quad({0, 0, 0}, {1, 0, 0}, {0.3f, 1, 0}));
-  scene::Scene scene = b.build();
-  scene.base_uv = scene.lightmap_uv;
-  scene.materials[0].base_color = {1, 1, 1};
-  scene.materials[0].base_texture = add_image(scene, 64, pattern);
+  const scene::Scene scene = textured_quad(0.3f, {1, 1, 1}, 64);
   const Atlas atlas = as_is(scene, 150);
   const auto alone = rasterize(scene, atlas);
   ASSERT_TRUE(alone);

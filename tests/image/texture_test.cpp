@@ -6,12 +6,11 @@
 #include <webp/encode.h>
 
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <vector>
 
-#include <jpeglib.h>  // after <cstdio>: it names FILE
+#include "tests/support/jpeg_file.h"
 
 namespace kiln::image {
 namespace {
@@ -34,38 +33,10 @@ std::vector<std::uint8_t> picture(std::uint32_t channels) {
   return samples;
 }
 
-struct JpegOptions {
-  J_COLOR_SPACE samples = JCS_RGB;
-  int channels = 3;
-  bool progressive = false;
-};
-
-std::string encode_jpeg(const JpegOptions& options) {
-  jpeg_compress_struct jpeg{};
-  jpeg_error_mgr errors{};
-  jpeg.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&jpeg);
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&jpeg, &bytes, &size);
-  jpeg.image_width = kWidth;
-  jpeg.image_height = kHeight;
-  jpeg.input_components = options.channels;
-  jpeg.in_color_space = options.samples;
-  jpeg_set_defaults(&jpeg);
-  jpeg_set_quality(&jpeg, 98, TRUE);
-  if (options.progressive) jpeg_simple_progression(&jpeg);
-  jpeg_start_compress(&jpeg, TRUE);
-  std::vector<std::uint8_t> samples = picture(std::uint32_t(options.channels));
-  for (std::uint32_t y = 0; y < kHeight; ++y) {
-    JSAMPROW row = &samples[std::size_t(y) * kWidth * std::size_t(options.channels)];
-    jpeg_write_scanlines(&jpeg, &row, 1);
-  }
-  jpeg_finish_compress(&jpeg);
-  jpeg_destroy_compress(&jpeg);
-  std::string file(reinterpret_cast<const char*>(bytes), size);
-  std::free(bytes);
-  return file;
+std::string encode_jpeg(J_COLOR_SPACE color_space = JCS_RGB, int channels = 3,
+                        bool progressive = false) {
+  return test::jpeg_file({kWidth, kHeight, color_space, channels, 98, progressive},
+                         picture(std::uint32_t(channels)));
 }
 
 void append(png_structp png, png_bytep data, std::size_t count) {
@@ -151,8 +122,8 @@ constexpr int kJpegLoss = 6;
 
 TEST(Textures, JpegInColorAndGrayBaselineAndProgressive) {
   for (const bool progressive : {false, true}) {
-    expect_picture(decoded(encode_jpeg({JCS_RGB, 3, progressive})), kJpegLoss, shade);
-    expect_picture(decoded(encode_jpeg({JCS_GRAYSCALE, 1, progressive})), kJpegLoss,
+    expect_picture(decoded(encode_jpeg(JCS_RGB, 3, progressive)), kJpegLoss, shade);
+    expect_picture(decoded(encode_jpeg(JCS_GRAYSCALE, 1, progressive)), kJpegLoss,
                    [](auto x, auto y, auto) { return shade(x, y, 0); });
   }
 }
@@ -161,12 +132,12 @@ TEST(Textures, JpegOfInvertedInks) {
   const auto expected = [](auto x, auto y, auto c) {
     return int(std::lround(shade(x, y, c) * shade(x, y, 3) / 255.0));
   };
-  expect_picture(decoded(encode_jpeg({JCS_CMYK, 4, false})), 2 * kJpegLoss, expected);
-  expect_picture(decoded(encode_jpeg({JCS_CMYK, 4, true})), 2 * kJpegLoss, expected);
+  expect_picture(decoded(encode_jpeg(JCS_CMYK, 4, false)), 2 * kJpegLoss, expected);
+  expect_picture(decoded(encode_jpeg(JCS_CMYK, 4, true)), 2 * kJpegLoss, expected);
 }
 
 TEST(Textures, JpegThatEndsEarlySaysSo) {
-  const std::string file = encode_jpeg({});
+  const std::string file = encode_jpeg();
   Pixels texels;
   const std::string cut = file.substr(0, file.size() * 3 / 4);
   const auto damage = decode(cut, texels);
@@ -176,7 +147,7 @@ TEST(Textures, JpegThatEndsEarlySaysSo) {
 }
 
 TEST(Textures, JpegWithoutTablesIsAnError) {
-  const std::string file = encode_jpeg({});
+  const std::string file = encode_jpeg();
   const std::size_t frame = file.find("\xff\xc0");
   ASSERT_NE(frame, std::string::npos);
   const std::string bare = "\xff\xd8" + file.substr(frame);
@@ -188,7 +159,7 @@ TEST(Textures, JpegWithoutTablesIsAnError) {
 }
 
 TEST(Textures, EachScanOfAJpegCostsSoTheirNumberIsLimited) {
-  const std::string file = encode_jpeg({JCS_GRAYSCALE, 1, true});
+  const std::string file = encode_jpeg(JCS_GRAYSCALE, 1, true);
   // The last scan, from its marker to the end of the image, once more and again.
   const std::size_t scan = file.rfind("\xff\xda"), end = file.size() - 2;
   std::string long_file = file.substr(0, end);
@@ -275,7 +246,7 @@ TEST(Textures, WebpThatIsBrokenIsAnError) {
 
 TEST(Textures, ASizeThatIsDeclaredTwiceWritesNothing) {
   // A second frame header; the library reads the last.
-  std::string file = encode_jpeg({});
+  std::string file = encode_jpeg();
   const std::size_t frame = file.find("\xff\xc0");
   std::string other = file.substr(frame, 19);
   other[6] = 8;  // rows
@@ -289,7 +260,7 @@ TEST(Textures, StopRequestEndsAll) {
   stop.request_stop();
   Pixels texels;
   for (const std::string& file :
-       {encode_jpeg({JCS_RGB, 3, false}), encode_jpeg({JCS_RGB, 3, true}),
+       {encode_jpeg(JCS_RGB, 3, false), encode_jpeg(JCS_RGB, 3, true),
         encode_interlaced_png(picture(3)), encode_palette_png(), encode_webp(picture(4))}) {
     const auto decoded = decode(file, texels, stop.get_token());
     ASSERT_FALSE(decoded);
@@ -306,7 +277,7 @@ std::string big_endian(std::uint32_t value) {
 // Their parsers are no fit place for bytes from outside.
 TEST(Textures, ProfilesTextAndThumbnailsAreLeftOut) {
   const std::string secret = "not for parsers";
-  std::string jpeg = encode_jpeg({JCS_RGB, 3, true});
+  std::string jpeg = encode_jpeg(JCS_RGB, 3, true);
   const Pixels plain = decoded(jpeg);
   for (const char* segment : {"\xff\xe1", "\xff\xe2", "\xff\xed", "\xff\xfe"})
     for (const std::size_t at : {jpeg.rfind("\xff\xda"), std::size_t(2)})

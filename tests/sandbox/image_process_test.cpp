@@ -8,17 +8,15 @@
 #include <unistd.h>
 #include <webp/encode.h>
 
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <future>
 #include <new>
 
-#include <jpeglib.h>  // after <cstdio>: it names FILE
-
 #include "baker/image/image.h"
 #include "server/sandbox/image_talk.h"
 #include "tests/sandbox/isolated.h"
+#include "tests/support/jpeg_file.h"
 #include "tests/support/png_builder.h"
 #include "tests/support/sky_files.h"
 
@@ -93,30 +91,8 @@ std::vector<std::uint8_t> samples_of(std::uint32_t width, std::uint32_t height, 
   return samples;
 }
 
-std::string jpeg_file(std::uint32_t width, std::uint32_t height) {
-  jpeg_compress_struct jpeg{};
-  jpeg_error_mgr errors{};
-  jpeg.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&jpeg);
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&jpeg, &bytes, &size);
-  jpeg.image_width = width;
-  jpeg.image_height = height;
-  jpeg.input_components = 3;
-  jpeg.in_color_space = JCS_RGB;
-  jpeg_set_defaults(&jpeg);
-  jpeg_start_compress(&jpeg, TRUE);
-  auto samples = samples_of(width, height, 3);
-  for (std::uint32_t y = 0; y < height; ++y) {
-    JSAMPROW row = &samples[std::size_t(y) * width * 3];
-    jpeg_write_scanlines(&jpeg, &row, 1);
-  }
-  jpeg_finish_compress(&jpeg);
-  jpeg_destroy_compress(&jpeg);
-  std::string file(reinterpret_cast<const char*>(bytes), size);
-  std::free(bytes);
-  return file;
+std::string jpeg_of(std::uint32_t width, std::uint32_t height) {
+  return jpeg_file({.width = width, .height = height}, samples_of(width, height, 3));
 }
 
 std::string webp_file(int width, int height) {
@@ -217,8 +193,8 @@ TEST(ImageProcess, DecodesEveryFormatAlike) {
   const auto png = image::encode_png(samples_of(700, 600, 4), 700, 600, 4).value();
   const std::vector<std::string> files{png,
                                        png.substr(0, png.size() / 2),
-                                       jpeg_file(300, 200),
-                                       jpeg_file(300, 200).substr(0, 9000),
+                                       jpeg_of(300, 200),
+                                       jpeg_of(300, 200).substr(0, 9000),
                                        webp_file(100, 90),
                                        exr_bytes(kRgba, true, 100, 100),
                                        exr_file(sky),
@@ -263,7 +239,7 @@ TEST(ImageProcess, StopsAtOnce) {
   };
   std::chrono::steady_clock::time_point began;
   std::jthread later([&] {
-    sleeps.get_future().wait();
+    if (sleeps.get_future().wait_for(30s) != std::future_status::ready) return;
     std::this_thread::sleep_for(100ms);
     began = std::chrono::steady_clock::now();
     stop.request_stop();
@@ -470,7 +446,7 @@ TEST(ImageTalk, SilenceAndDepartureEndIt) {
     EXPECT_EQ(gone.end, Outcome::End::kUnavailable);
     EXPECT_EQ(gone.words, "") << "its status says more";
   }
-  // What it said before it went counts, though it did not listen to the end.
+  // Words that it sent before it went count, though it did not listen to the end.
   calls.samples.assign(std::size_t{4} << 20, 'x');
   calls.png.input = {calls.samples};
   const auto said = Liar()

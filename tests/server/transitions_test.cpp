@@ -51,7 +51,7 @@ TEST_F(Transitions, KeepMemoryStoreAndEventsInStep) {
   }
 }
 
-// What the store refuses did not happen.
+// A change that the store refuses does not happen.
 TEST_F(Transitions, LeaveTheJobAsItWasWhenTheStoreFails) {
   ActiveJob job = new_job();
   transitions_.submit(job, std::nullopt);

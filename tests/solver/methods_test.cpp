@@ -77,7 +77,7 @@ lightmap::Lightmap blinded(const lightmap::Lightmap& light, const lightmap::Plan
   return blind;
 }
 
-/// What the first batch of the pass brings.
+/// Computes the first batch of the pass and returns its values as bytes.
 std::string first_batch(std::unique_ptr<Pass> pass, const lightmap::Lightmap& before,
                         const exec::Workers& workers) {
   if (!pass->prepare(before, workers)) return "stopped";
@@ -85,7 +85,7 @@ std::string first_batch(std::unique_ptr<Pass> pass, const lightmap::Lightmap& be
   return compute_patch(*pass, {0, end}, before).values;
 }
 
-// What another process has to be sent for a pass: the planes that it reads.
+// A pass reads the planes that it declares, and no others: another process needs those alone.
 TEST(Methods, PassesReadOnlyThePlanesThatTheyDeclare) {
   const test::ReadyScene room("cornell", 0, 48);
   for (const baker::Method& method : baker::methods()) {

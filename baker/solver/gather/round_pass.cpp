@@ -144,8 +144,8 @@ class RoundPass final : public Pass {
   const GatherParts& parts_;
   const direct::DirectLight direct_;
   OutgoingRadiosity radiosity_;
-  std::map<std::uint32_t, sampling::DirectionSet>
-      more_;                         ///< key: the number of samples before them
+  /// The key is the number of samples before them.
+  std::map<std::uint32_t, sampling::DirectionSet> more_;
   std::vector<double> work_before_;  ///< work of all tiles before each, and of all
 };
 
