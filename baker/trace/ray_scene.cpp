@@ -147,11 +147,14 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   return blocked & rays.active;
 }
 
+float RayScene::offset(math::Vec3 position) const {
+  // Below 8 ulp surfaces shadow themselves, and beyond a fiftieth of a texel contact shadows leak.
+  return std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+}
+
 math::Vec3 RayScene::offset_origin(math::Vec3 position, math::Vec3 geometric_normal,
                                    math::Vec3 centroid) const {
-  // About 32 ulp of the largest coordinate: below 8 ulp surfaces shadow themselves, and beyond a
-  // fiftieth of a texel contact shadows leak.
-  const float offset = std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+  const float offset = this->offset(position);
   const math::Vec3 inwards = centroid - position;
   const float to_centroid = length(inwards);
   const float share = to_centroid > offset ? offset / to_centroid : 1.f;

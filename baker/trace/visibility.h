@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+
+#include "baker/trace/ray_scene.h"
+
+namespace kiln::trace {
+
+/// Up to sixteen segments, structure of arrays. Finite in all lanes.
+struct alignas(64) SegmentPacket {
+  float from_x[16]{}, from_y[16]{}, from_z[16]{};
+  float to_x[16]{}, to_y[16]{}, to_z[16]{};
+  std::uint32_t count = 0;  ///< the first so many are asked about
+
+  bool is_full() const { return count == 16; }
+  void add(math::Vec3 from, math::Vec3 to) {
+    from_x[count] = from.x, from_y[count] = from.y, from_z[count] = from.z;
+    to_x[count] = to.x, to_y[count] = to.y, to_z[count] = to.z;
+    ++count;
+  }
+};
+
+/// Tells whether two points see each other [RTRad eq. 4.5]. Immutable; callable from many threads.
+class Visibility {
+ public:
+  virtual ~Visibility() = default;
+  /// Bit i is set when something lies between the two ends of segment i. The ends are points just
+  /// off the surfaces that they stand for, see RayScene::offset_origin().
+  virtual std::uint32_t blocked(const SegmentPacket&) const = 0;
+};
+
+/// Traces the segments. A ray begins ε after the one end and stops ε before the other [RTRad
+/// 4.7.1]: neither end is met by rounding. What is shorter than 2ε is open. ε is RayScene::offset()
+/// at the end that is farther from the origin. Which end is the first makes no difference but for
+/// rounding.
+class RayVisibility final : public Visibility {
+ public:
+  /// @param scene outlives this
+  explicit RayVisibility(const RayScene& scene) : scene_(scene) {}
+  std::uint32_t blocked(const SegmentPacket&) const override;
+
+ private:
+  const RayScene& scene_;
+};
+
+}  // namespace kiln::trace
