@@ -34,6 +34,8 @@ proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader& source,
   auto texels = rasterize(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
   if (!texels) return proto::Unexpected(texels.error());
   bake->texels = std::make_shared<const atlas::TextureGroup>(std::move(*texels));
+  if (auto ok = check_cost(settings.solver, bake->texels->size()); !ok)
+    return proto::Unexpected(ok.error());
 
   enter("solve");
   const exec::Workers workers{pool, stop};

@@ -64,7 +64,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath };
+enum class Method { kGather, kPath, kPairwise, kMatrix };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -78,6 +78,8 @@ inline constexpr std::array kMethodNames{
          "direct light by explicit sampling, bounces by gathering from the lightmap of the pass "
          "before."},
     Word{"path", "unbiased path tracing, the slow reference."},
+    Word{"pairwise", "progressive radiosity over all pairs of texels, for small pages."},
+    Word{"matrix", "the system of pairwise solved exactly, for a few thousand texels."},
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
@@ -104,9 +106,11 @@ enum class Technique { kLowDiscrepancy, kClosedForm, kLightImportance, kShadowPr
 struct SolverSettings {
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
-  /// Indirect directions (gather) or paths (path) per texel; null: as many as the quality asks for.
+  /// Indirect directions (gather), paths (path) or directions to the sky (pairwise, matrix) per
+  /// texel; null: as many as the quality asks for (gather), 256.
   std::optional<std::uint32_t> samples;
-  /// Shadow rays per texel towards area lights (gather); null: as many as the quality asks for.
+  /// Shadow rays per texel towards area lights (all but path); null: as many as the quality asks
+  /// for.
   std::optional<std::uint32_t> direct_samples;
   std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather)
   bool coarse_indirect = true;  ///< gather every second texel and interpolate between them (gather)
@@ -114,6 +118,13 @@ struct SolverSettings {
   float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
   std::uint64_t seed = 1;    ///< below 2^53, so that JSON keeps it
   std::vector<Technique> without{};
+  std::uint32_t pair_samples = 1;  ///< pairs of points for a view factor (pairwise, matrix)
+  float reflectivity_factor = 1;   ///< factor on every albedo (pairwise, matrix)
+  float distance_factor = 1;       ///< factor on distances in view factors (pairwise, matrix)
+  /// Texels of a chart that lie less than so many texels apart in x and in y exchange no light
+  /// (pairwise, matrix); null: page_size / 128, at least 1, which is a texel itself.
+  std::optional<std::uint32_t> window;
+  bool allow_expensive = false;  ///< bake what is refused as `too_expensive` (pairwise, matrix)
 
   bool uses(Technique t) const {
     return std::find(without.begin(), without.end(), t) == without.end();

@@ -178,18 +178,20 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = methods}),
       row<[](auto& s) -> auto& { return s.solver.bounces; }>(
           {.path = "solver.bounces", .kind = kInteger, .min = 0, .max = 64, .unit = "bounces",
-           .description = "Limit on diffuse bounces after direct light."}),
+           .description = "Limit on diffuse bounces after direct light. matrix has all of them at once, "
+                          "unless it is 0."}),
       row<[](auto& s) -> auto& { return s.solver.samples; }>(
           {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
            .nullable = true, .unit = "samples/texel",
-           .description = "Indirect directions (gather) or paths (path) of every texel. null: as many "
-                          "as target_error asks for (gather), 256 (path)."}),
+           .description = "Indirect directions (gather), paths (path) or directions to the sky "
+                          "(pairwise, matrix) of every texel. null: as many as target_error asks for "
+                          "(gather), 256 (the others)."}),
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .nullable = true, .unit = "samples/texel",
-           .description = "Shadow rays of every texel towards area lights, at most (gather): where the "
-                          "first quarter agrees over 16 texels, no more follow. null: as many as "
-                          "target_error asks for."}),
+           .description = "Shadow rays of every texel towards area lights, at most (all but path): where "
+                          "the first quarter agrees over 16 texels, no more follow. null: as many as "
+                          "target_error asks for (gather), or begins with (pairwise, matrix)."}),
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
            .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
@@ -212,7 +214,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "
-                          "share. 0: only at the limit on bounces."}),
+                          "share (gather, pairwise). 0: only at the limit on bounces."}),
       row<[](auto& s) -> auto& { return s.solver.seed; }>(
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
@@ -220,13 +222,36 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.without; }>(
           {.path = "solver.without", .kind = kChoices,
            .choices = {"low_discrepancy", "closed_form", "light_importance", "shadow_probes"},
-           .description = "Techniques to leave out, to see what each is worth (gather; path has none of "
-                          "them). The light stays the same except for noise, and for the little that "
+           .description = "Techniques to leave out, to see what each is worth (gather, and the direct "
+                          "light of pairwise and matrix; path has none of them). The light stays the same except for noise, and for the little that "
                           "shadow_probes miss. low_discrepancy: random points instead of a "
                           "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
                           "textured ones are. light_importance: one of many lights is drawn by its "
                           "power alone. shadow_probes: all shadow rays are sent, even where the "
                           "first agree."}),
+      row<[](auto& s) -> auto& { return s.solver.pair_samples; }>(
+          {.path = "solver.pair_samples", .kind = kInteger, .min = 1, .max = 256,
+           .unit = "samples/pair",
+           .description = "Pairs of points between which the view factor of two texels is taken "
+                          "(pairwise, matrix). 1: the middles of the texels. More: random pairs of "
+                          "their sixteen points each."}),
+      row<[](auto& s) -> auto& { return s.solver.reflectivity_factor; }>(
+          {.path = "solver.reflectivity_factor", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Factor on every albedo (pairwise, matrix). 1: the scene's own."}),
+      row<[](auto& s) -> auto& { return s.solver.distance_factor; }>(
+          {.path = "solver.distance_factor", .kind = kNumber, .min = 0.01, .max = 100,
+           .description = "Factor on the distance of two texels in their view factor (pairwise, "
+                          "matrix). 1: physics."}),
+      row<[](auto& s) -> auto& { return s.solver.window; }>(
+          {.path = "solver.window", .kind = kInteger, .min = 1, .max = 256, .nullable = true,
+           .unit = "texels",
+           .description = "Texels of one chart that lie less than this apart, in x and in y, exchange no "
+                          "light (pairwise, matrix). 1: all exchange light. null: page_size / 128, at "
+                          "least 1."}),
+      row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
+          {.path = "solver.allow_expensive", .kind = kBoolean,
+           .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
+                          "(pairwise), or more than 8192 texels (matrix)."}),
       row<[](auto& s) -> auto& { return s.sky.radiance; }>(
           {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),

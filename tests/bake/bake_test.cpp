@@ -89,6 +89,24 @@ TEST(Bake, MemoryThatIsRefusedEndsItBeforeTheAtlas) {
   EXPECT_GT(asked, 256u * 256 * 100) << "bytes for a page of texels";
 }
 
+TEST(Bake, AMethodThatCantFinishIsRefusedBeforeItsFirstPass) {
+  const TempFolder folder;
+  exec::ThreadPool pool(2);
+  for (const proto::Method method : {proto::Method::kPairwise, proto::Method::kMatrix}) {
+    BakeInput in = input_for(folder, "cornell", 1024);
+    in.settings.solver.method = method;
+    Recorder recorder;
+    const auto manifest = bake(in, pool, {}, recorder);
+    ASSERT_FALSE(manifest);
+    EXPECT_EQ(manifest.error().code, "too_expensive");
+    ASSERT_EQ(manifest.error().details.size(), 1u);
+    EXPECT_EQ(manifest.error().details[0].source, "settings");
+    EXPECT_EQ(manifest.error().details[0].pointer, "/solver/method");
+    EXPECT_EQ(recorder.stages, (std::vector<std::string>{"import", "atlas"}));
+    EXPECT_TRUE(recorder.passes.empty());
+  }
+}
+
 TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
   std::string first;
   for (const unsigned threads : {1u, 2u, 3u, 8u}) {

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "clients/client.h"
+#include "proto/bake_settings.h"
 #include "tests/http/event_stream.h"
 #include "tests/http/program.h"
 
@@ -46,6 +47,29 @@ TEST_F(Bakes, ASceneWithoutSettingsBecomesVerifiedFiles) {
                                           "page_00.png"}));
   EXPECT_EQ(curl("-X DELETE " + job_url(id)).status, 204);
   EXPECT_EQ(curl(job_url(id, "/results")).status, 404);
+}
+
+TEST_F(Bakes, EveryMethodOfTheSettings) {
+  const auto scene = write_small_scene(folder.path());
+  for (const proto::Word& method : proto::kMethodNames) {
+    const nlohmann::json settings{{"atlas", {{"page_size", 256}}},
+                                  {"solver", {{"method", method.name}, {"samples", 16}}}};
+    const std::string id = post_job(program, scene, settings.dump());
+    const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+    ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+    const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+    EXPECT_EQ(manifest["settings"]["solver"]["method"], method.name);
+    EXPECT_GT(manifest["statistics"]["passes"].size(), 0u);
+  }
+}
+
+TEST_F(Bakes, AMethodThatCantFinishFailsAndSaysWhatItWouldTake) {
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"),
+                                  R"({"solver":{"method":"pairwise"}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "failed") << done.body;
+  EXPECT_NE(done.body.find("too_expensive"), std::string::npos) << done.body;
+  EXPECT_NE(done.body.find("/solver/method"), std::string::npos) << done.body;
 }
 
 TEST_F(Bakes, ADownloadIsResumedByRange) {

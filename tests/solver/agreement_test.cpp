@@ -3,7 +3,9 @@
 
 #include "baker/methods.h"
 #include "baker/solver/gather/gather.h"
+#include "baker/solver/pairwise/parts.h"
 #include "tests/solver/cornell_box.h"
+#include "tests/support/ready_scene.h"
 
 namespace kiln::solver {
 namespace {
@@ -85,6 +87,61 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
   const auto gather = yard.solve({});
   EXPECT_LE(noise_free_nrmse(shown(gather), r1, r2), 0.01);
   EXPECT_LE(noise_free_nrmse(sampled(gather), r1, r2), 0.01);
+}
+
+/// Tells of each texel whether a surface that it faces is nearer than so many of the texels'
+/// widths.
+std::vector<bool> touches(const World& world, float widths) {
+  const pairwise::Parts parts(world);
+  std::vector<bool> near(parts.patches.size());
+  for (std::uint32_t i = 0; i < near.size(); ++i)
+    parts.factors.pairs(
+        i, i + 1, parts.patches.size(), [&](std::uint32_t j, pairwise::ViewFactors::Factors) {
+          const math::Vec3 way = world.texels.position[j] - world.texels.position[i];
+          const float area = std::max(world.texels.area_m2[i], world.texels.area_m2[j]);
+          if (dot(way, way) < widths * widths * area) near[i] = near[j] = true;
+        });
+  return near;
+}
+
+// Radiosity over pairs of texels errs where surfaces touch; elsewhere it is the light of paths.
+TEST(Agreement, PairwiseMeetsPathOnTheCornellBox) {
+  const test::ReadyScene box("cornell", 0, 64);
+  const auto light = [&](const proto::SolverSettings& s) {
+    const World world = box.world(s);
+    const auto solver = baker::make_solver(world);
+    exec::ThreadPool pool(2);
+    return sampled(test::must(baker::solve(world, *solver, pool, {})));
+  };
+  proto::SolverSettings s;
+  s.method = proto::Method::kPath;
+  s.samples = 512;
+  s.seed = 11;
+  const auto r1 = light(s);
+  s.seed = 12;
+  const auto r2 = light(s);
+  s.direct_samples = 256;
+  const auto near = touches(box.world(s), 2);
+  const auto apart = [&](const std::vector<math::Rgb>& all) {
+    std::vector<math::Rgb> some;
+    for (std::uint32_t t = 0; t < all.size(); ++t)
+      if (!near[t]) some.push_back(all[t]);
+    return some;
+  };
+  const double share = double(std::ranges::count(near, true)) / double(near.size());
+  RecordProperty("touching_percent", std::to_string(100 * share));
+  EXPECT_LT(share, 0.35) << "what is left must mean something";
+  for (const proto::Method method : {proto::Method::kPairwise, proto::Method::kMatrix})
+    for (const std::uint32_t samples : {1u, 4u}) {
+      s.method = method;
+      s.pair_samples = samples;
+      const auto e = light(s);
+      const double error = noise_free_nrmse(apart(e), apart(r1), apart(r2));
+      const std::string name = std::string(proto::to_string(method)) + std::to_string(samples);
+      RecordProperty(name + "_percent", std::to_string(100 * error));
+      RecordProperty(name + "_all_percent", std::to_string(100 * noise_free_nrmse(e, r1, r2)));
+      EXPECT_LE(error, 0.01) << name;
+    }
 }
 
 // Random sampling falls with N^-1/2. Stratified by nets, a gather falls faster: towards N^-1 where

@@ -1,0 +1,77 @@
+#include "baker/solver/pairwise/patches.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "baker/sampling/sobol.h"
+#include "baker/solver/footprint.h"
+
+namespace kiln::solver::pairwise {
+namespace {
+
+std::uint32_t points_per_texel(std::uint32_t pair_samples) {
+  return pair_samples > 1 ? Patches::kPoints : 1;
+}
+
+std::uint32_t window_of(const World& world) {
+  return world.settings.window.value_or(std::max(1u, world.atlas.page_size / 128));
+}
+
+}  // namespace
+
+Patches::Patches(const World& world, std::uint32_t pair_samples)
+    : texels_(world.texels),
+      pair_samples_(pair_samples),
+      per_texel_(points_per_texel(pair_samples)),
+      window_(std::int32_t(window_of(world))),
+      seed_(sampling::hash(std::uint32_t(world.settings.seed),
+                           std::uint32_t(world.settings.seed >> 32))) {
+  points_.reserve(std::size_t(size()) * per_texel_);
+  for (std::uint32_t t = 0; t < size(); ++t)
+    per_texel_ == 1 ? add_middle(world, t) : add_footprint(world, t);
+}
+
+double Patches::memory_per_texel(std::uint32_t pair_samples) {
+  return double(sizeof(Point)) * points_per_texel(pair_samples);
+}
+
+void Patches::add_middle(const World& world, std::uint32_t texel) {
+  const std::uint32_t triangle = texels_.triangle[texel];
+  const float side = texels_.is_back(texel) ? -1.f : 1.f;
+  Point p;
+  p.position = texels_.position[texel];
+  p.geometric_normal = side * geometric_normal(world.scene, triangle);
+  p.shading_normal = texels_.shading_normal[texel];
+  if (dot(p.shading_normal, p.geometric_normal) < 0) p.shading_normal = -p.shading_normal;
+  p.origin = world.rays.offset_origin(p.position, p.geometric_normal,
+                                      position_at(world.scene, triangle, scene::kCentroid));
+  points_.push_back(p);
+}
+
+void Patches::add_footprint(const World& world, std::uint32_t texel) {
+  const Footprint at(world, texel);
+  for (std::uint32_t i = 0; i < kPoints; ++i)
+    points_.push_back({at.position[i], at.origin[i], at.geometric_normal[i], at.shading_normal[i]});
+}
+
+std::uint32_t Patches::pair_key(std::uint32_t receiver, std::uint32_t sender) const {
+  return sampling::hash(seed_, std::min(receiver, sender), std::max(receiver, sender));
+}
+
+Patches::Ends Patches::ends(std::uint32_t receiver, std::uint32_t sender, std::uint32_t pair_key,
+                            std::uint32_t k) const {
+  if (per_texel_ == 1) return {};
+  // Flips by the key, and the rows of a Latin square for each sixteen more.
+  const std::uint32_t first = (k ^ pair_key) % kPoints;
+  const std::uint32_t second =
+      (Footprint::sample_of(k % kPoints) ^ k / kPoints ^ pair_key >> 4) % kPoints;
+  return receiver < sender ? Ends{first, second} : Ends{second, first};
+}
+
+bool Patches::are_excluded(std::uint32_t a, std::uint32_t b) const {
+  return texels_.chart[a] == texels_.chart[b] &&
+         std::abs(std::int32_t(texels_.x[a]) - std::int32_t(texels_.x[b])) < window_ &&
+         std::abs(std::int32_t(texels_.y[a]) - std::int32_t(texels_.y[b])) < window_;
+}
+
+}  // namespace kiln::solver::pairwise
