@@ -103,6 +103,36 @@ enum class RayPattern { kAuto, kTile, kBlock, kStrata, kIncoherent };
 /// Techniques that lower the error at equal time. Each can be left out to see by how much (gather).
 enum class Technique { kLowDiscrepancy, kClosedForm, kLightImportance, kShadowProbes };
 
+/// The texels that send light to all others (pairwise).
+enum class Undersampling {
+  kNone,        ///< every texel
+  kStride,      ///< the upper left texel of every window
+  kMonteCarlo,  ///< a random texel of every window
+  kMipmap,      ///< the mean of every window
+};
+
+/// What the random texel of a window hangs on (pairwise, monte_carlo).
+enum class SenderSeed { kWindow, kReceiver };
+
+/// The order in which the bounces of light are solved (pairwise).
+enum class Iteration { kJacobi, kGaussSeidel, kShooting };
+
+/// The way in which it is found what stands between two texels (pairwise, matrix).
+enum class VisibilityKind { kRay, kCached, kVoxel };
+enum class VoxelMarch { kFixedSteps, kExact };
+
+/// The directions of a texel (directional).
+enum class DirectionSetKind { kLargestEmptyCircle, kHemicube };
+
+/// The mean that the samples of bounces form (radiosity_map).
+enum class Series { kAveraged, kUnbiased };
+
+/// Points on an area light (radiosity_map).
+enum class LightSampling { kUniform, kStratified, kSolidAngle };
+
+/// Whether emitters are sampled by rays of their own, or send light as any texel does.
+enum class Emitters { kExplicit, kTransport };
+
 struct SolverSettings {
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
@@ -124,7 +154,33 @@ struct SolverSettings {
   /// Texels of a chart that lie less than so many texels apart in x and in y exchange no light
   /// (pairwise, matrix); null: page_size / 128, at least 1, which is a texel itself.
   std::optional<std::uint32_t> window;
-  bool allow_expensive = false;  ///< bake what is refused as `too_expensive` (pairwise, matrix)
+  Undersampling undersampling = Undersampling::kNone;
+  SenderSeed sender_seed = SenderSeed::kWindow;
+  Iteration iteration = Iteration::kJacobi;
+  std::optional<std::uint32_t> batch_texels;  ///< texels of a batch; null: by the cost of a texel
+  /// Clamps of pairwise: of the radiosity that one sender adds, as a share of the brightest
+  /// emitter's, and of a view factor. null: nothing is clamped.
+  std::optional<float> max_contribution, max_view_factor;
+  /// Senders are the leaves of a quadtree whose gradient stays below this; null: no quadtree.
+  std::optional<float> subdivision_threshold;
+  float subdivision_ramp = 0;             ///< added to the threshold after every pass
+  std::uint32_t subdivision_max_node = 8;  ///< longest side of a leaf, texels
+  VisibilityKind visibility = VisibilityKind::kRay;
+  std::uint32_t visibility_cache_mib = 256;  ///< memory for remembered visibility (cached)
+  std::uint32_t voxel_grid = 64;             ///< voxels along the longest side of the scene (voxel)
+  VoxelMarch voxel_march = VoxelMarch::kExact;
+  float voxel_ratio = 1;  ///< share of segments that march through voxels, not rays (voxel)
+  DirectionSetKind direction_set = DirectionSetKind::kLargestEmptyCircle;
+  bool rotate_directions = true;  ///< each texel turns the set about its normal (directional)
+  bool rtrad_compat = false;      ///< the formula of RTRad's alg. 8, to show the difference
+  Series series = Series::kAveraged;
+  std::uint32_t initial_samples = 16;  ///< samples of direct light before the first bounce
+  bool same_directions = false;        ///< all texels take the same random numbers (radiosity_map)
+  LightSampling light_sampling = LightSampling::kUniform;
+  bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
+  Emitters emitters = Emitters::kExplicit;
+  bool sew_seams = false;        ///< fill texels beside charts from them after every pass
+  bool allow_expensive = false;  ///< bake what is refused as `too_expensive`
 
   bool uses(Technique t) const {
     return std::find(without.begin(), without.end(), t) == without.end();

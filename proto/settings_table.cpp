@@ -248,6 +248,125 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Texels of one chart that lie less than this apart, in x and in y, exchange no "
                           "light (pairwise, matrix). 1: all exchange light. null: page_size / 128, at "
                           "least 1."}),
+      row<[](auto& s) -> auto& { return s.solver.undersampling; }>(
+          {.path = "solver.undersampling", .kind = kChoice,
+           .choices = {"none", "stride", "monte_carlo", "mipmap"},
+           .description = "Which texels send light to all others (pairwise). none: every texel. The "
+                          "others take one sender for each window of window x window texels of a page, "
+                          "with the area of all of them. stride: the first texel of the window. "
+                          "monte_carlo: a random one, drawn by area, anew in every pass. mipmap: the "
+                          "mean of the window's texels of one chart."}),
+      row<[](auto& s) -> auto& { return s.solver.sender_seed; }>(
+          {.path = "solver.sender_seed", .kind = kChoice, .choices = {"window", "receiver"},
+           .description = "What the random sender hangs on (monte_carlo). window: on the window and the "
+                          "pass, the same for all receivers, so that the error is a pattern. receiver: "
+                          "on the receiver, too, so that the error is noise."}),
+      row<[](auto& s) -> auto& { return s.solver.iteration; }>(
+          {.path = "solver.iteration", .kind = kChoice,
+           .choices = {"jacobi", "gauss_seidel", "shooting"},
+           .description = "Order of the bounces (pairwise). jacobi: a pass is a bounce of the light "
+                          "before it. gauss_seidel: the tiles of a pass follow each other and read "
+                          "what those before them have just got. shooting: the texels with the most "
+                          "unshot light send it first, a block of them a pass."}),
+      row<[](auto& s) -> auto& { return s.solver.batch_texels; }>(
+          {.path = "solver.batch_texels", .kind = kInteger, .min = 1, .max = 65536,
+           .nullable = true, .unit = "texels",
+           .description = "Texels of a batch, for measurements (pairwise). null: as many as take some "
+                          "tens of milliseconds."}),
+      row<[](auto& s) -> auto& { return s.solver.max_contribution; }>(
+          {.path = "solver.max_contribution", .kind = kNumber, .min = 1e-6, .max = 1,
+           .nullable = true,
+           .description = "Clamp of the light that one sender gives a texel in a pass, as a share of the "
+                          "brightest sender's radiosity (pairwise). RTRad takes 0.05. The energy that it takes "
+                          "is told. null: no clamp."}),
+      row<[](auto& s) -> auto& { return s.solver.max_view_factor; }>(
+          {.path = "solver.max_view_factor", .kind = kNumber, .min = 1e-6, .max = 1,
+           .nullable = true,
+           .description = "Clamp of a view factor (pairwise). The energy that it takes is told. null: "
+                          "no clamp."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_threshold; }>(
+          {.path = "solver.subdivision_threshold", .kind = kNumber, .min = 0, .max = 10,
+           .nullable = true,
+           .description = "Senders are the leaves of a quadtree over each chart: four siblings become "
+                          "one where the gradient of radiosity and normals over the node stays below "
+                          "this (pairwise). RTRad takes 0.05. null: no quadtree."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_ramp; }>(
+          {.path = "solver.subdivision_ramp", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Grows subdivision_threshold by this after every pass."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_max_node; }>(
+          {.path = "solver.subdivision_max_node", .kind = kInteger, .min = 4, .max = 64,
+           .unit = "texels",
+           .description = "Longest side of a leaf of the quadtree; a power of two."}),
+      row<[](auto& s) -> auto& { return s.solver.visibility; }>(
+          {.path = "solver.visibility", .kind = kChoice, .choices = {"ray", "cached", "voxel"},
+           .description = "How it is found what stands between two texels (pairwise). ray: a ray in "
+                          "every pass. cached: a ray in the first pass, remembered as one bit a pair. "
+                          "voxel: a march through a grid of voxels, coarse and approximate."}),
+      row<[](auto& s) -> auto& { return s.solver.visibility_cache_mib; }>(
+          {.path = "solver.visibility_cache_mib", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "MiB",
+           .description = "Memory for remembered visibility (cached). Pairs that it can't hold are "
+                          "traced in every pass; the log says how many it covers."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_grid; }>(
+          {.path = "solver.voxel_grid", .kind = kInteger, .min = 8, .max = 512, .unit = "voxels",
+           .description = "Voxels along the longest side of the scene (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_march; }>(
+          {.path = "solver.voxel_march", .kind = kChoice, .choices = {"fixed_steps", "exact"},
+           .description = "fixed_steps: samples at even steps of a grid that is filled from each "
+                          "triangle's main axis, as in RTRad; thin walls leak. exact: every voxel on "
+                          "the way of a grid with every voxel that a triangle touches (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_ratio; }>(
+          {.path = "solver.voxel_ratio", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Share of the segments that march through voxels; the others are traced by "
+                          "rays (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.direction_set; }>(
+          {.path = "solver.direction_set", .kind = kChoice,
+           .choices = {"largest_empty_circle", "hemicube"},
+           .description = "Directions of every texel (directional). largest_empty_circle: a "
+                          "progressive set on the disc, lifted to the hemisphere. hemicube: the cells "
+                          "of a hemicube, weighted by their form factors."}),
+      row<[](auto& s) -> auto& { return s.solver.rotate_directions; }>(
+          {.path = "solver.rotate_directions", .kind = kBoolean,
+           .description = "Turn the directions about the normal by an angle of each texel's own, so "
+                          "that the error is noise and no pattern (directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.rtrad_compat; }>(
+          {.path = "solver.rtrad_compat", .kind = kBoolean,
+           .description = "Weight directions as RTRad's text does, by a second cosine and by 1/r2, and "
+                          "drop hits nearer than 0.1 of half the scene's side: wrong light, to show "
+                          "the difference (directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.series; }>(
+          {.path = "solver.series", .kind = kChoice, .choices = {"averaged", "unbiased"},
+           .description = "How samples become bounces (radiosity_map). averaged: each reads the mean of "
+                          "all before it, so that high bounces are short of light, by a share that is "
+                          "told. unbiased: a bounce takes all its samples before the next one begins."}),
+      row<[](auto& s) -> auto& { return s.solver.initial_samples; }>(
+          {.path = "solver.initial_samples", .kind = kInteger, .min = 1, .max = 4096,
+           .unit = "samples/texel",
+           .description = "Samples of direct light before the first bounce, and so before the first "
+                          "picture (radiosity_map)."}),
+      row<[](auto& s) -> auto& { return s.solver.same_directions; }>(
+          {.path = "solver.same_directions", .kind = kBoolean,
+           .description = "All texels take the same random numbers, so that the error is a pattern and "
+                          "no noise (radiosity_map)."}),
+      row<[](auto& s) -> auto& { return s.solver.light_sampling; }>(
+          {.path = "solver.light_sampling", .kind = kChoice,
+           .choices = {"uniform", "stratified", "solid_angle"},
+           .description = "Points on area lights (radiosity_map). uniform: random ones. stratified: a "
+                          "low-discrepancy sequence. solid_angle: random directions to near lights."}),
+      row<[](auto& s) -> auto& { return s.solver.ambient_term; }>(
+          {.path = "solver.ambient_term", .kind = kBoolean,
+           .description = "Previews of a bake that runs add the mean light that is still missing "
+                          "(radiosity_map). The result has none of it."}),
+      row<[](auto& s) -> auto& { return s.solver.emitters; }>(
+          {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
+           .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
+                          "emitting texels send light as any texel does, as in RTRad (all methods of "
+                          "the theses)."}),
+      row<[](auto& s) -> auto& { return s.solver.sew_seams; }>(
+          {.path = "solver.sew_seams", .kind = kBoolean,
+           .description = "After every pass, let an empty texel beside a chart take its light, so that "
+                          "windows and mipmaps that lie over a chart's border read no dark (pairwise, "
+                          "directional)."}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
