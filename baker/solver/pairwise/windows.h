@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "baker/atlas/texture_group.h"
+#include "baker/solver/world.h"
 
 namespace kiln::solver::pairwise {
 
