@@ -84,19 +84,25 @@ proto::Unexpected too_expensive(const std::string& cost, const std::string& advi
 
 proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, double texels) {
   using namespace solver::pairwise;
-  const double bounces = std::min(settings.bounces, kTypicalBounces);
-  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples);
+  const bool transports = settings.emitters == proto::Emitters::kTransport;
+  const double bounces = std::min(settings.bounces + transports, kTypicalBounces);
+  const bool has_windows = settings.undersampling != proto::Undersampling::kNone;
+  const std::uint32_t window = has_windows ? settings.window.value_or(1) : 1;
+  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples, window);
   const double rays = bounces * pass;
   if (rays <= kMostPairRays || settings.allow_expensive) return {};
-  // Texels go with the square of the page's side, and rays with the square of texels.
+  // Texels go with the square of the page's side, and rays with the square of texels, or with the
+  // texels over the square of the window's side.
   const double finer = std::sqrt(std::sqrt(kMostPairRays / rays));
+  const double wider = std::ceil(window * std::sqrt(rays / kMostPairRays));
   return too_expensive(
       "pairwise would trace about " + rounded(rays) + " rays between " +
           std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
           " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
           " hours at 10 million rays a second, and " +
           gib(texels * pairwise_memory_per_texel(settings.pair_samples)) + " of memory.",
-      "or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
+      "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
+          ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
 }
 
 proto::Expected<void> check_matrix(const proto::SolverSettings& settings, double texels) {

@@ -255,7 +255,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "others take one sender for each window of window x window texels of a page, "
                           "with the area of all of them. stride: the first texel of the window. "
                           "monte_carlo: a random one, drawn by area, anew in every pass. mipmap: the "
-                          "mean of the window's texels of one chart."}),
+                          "mean of the window's texels, one for each chart in it."}),
       row<[](auto& s) -> auto& { return s.solver.sender_seed; }>(
           {.path = "solver.sender_seed", .kind = kChoice, .choices = {"window", "receiver"},
            .description = "What the random sender hangs on (monte_carlo). window: on the window and the "
@@ -360,8 +360,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.emitters; }>(
           {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
-                          "emitting texels send light as any texel does, as in RTRad (all methods of "
-                          "the theses)."}),
+                          "emitting texels send light as any texel does, as in RTRad, and it "
+                          "counts as indirect light (pairwise; other methods refuse it)."}),
       row<[](auto& s) -> auto& { return s.solver.sew_seams; }>(
           {.path = "solver.sew_seams", .kind = kBoolean,
            .description = "After every pass, let an empty texel beside a chart take its light, so that "

@@ -27,9 +27,9 @@ std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
 
 }  // namespace
 
-LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers)
+LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers, bool surfaces)
     : scene_(scene),
-      area_(find_area_lights(scene)),
+      area_(find_area_lights(scene, surfaces)),
       power_share_(power_shares(area_)),
       table_(area_, power_share_) {
   if (!scene.sky_map.empty()) sky_.emplace(scene, workers);

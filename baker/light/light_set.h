@@ -66,8 +66,10 @@ class AreaLightSampler {
 class LightSet {
  public:
   /// A large sky map is summed by the workers. When they are stopped, this ends early and must not
-  /// be used (see SkyLight).
-  explicit LightSet(const scene::Scene&, const exec::Workers* workers = nullptr);
+  /// be used (see SkyLight). @param surfaces false: the scene's emitting surfaces are left out,
+  /// since their texels send their light
+  explicit LightSet(const scene::Scene&, const exec::Workers* workers = nullptr,
+                    bool surfaces = true);
 
   const std::vector<AreaLight>& area() const { return area_; }
   const std::vector<scene::PunctualLight>& punctual() const { return scene_.lights; }

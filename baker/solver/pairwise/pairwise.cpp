@@ -1,6 +1,8 @@
 #include "baker/solver/pairwise/pairwise.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -16,46 +18,73 @@ constexpr double kBatchRays = 400'000;
 
 using lightmap::PlaneId;
 
+/// Returns the expected rays of one bounce towards a texel.
+double bounce_rays(const Parts& parts) {
+  return kFacingShare * parts.senders.expected() * parts.patches.pair_samples();
+}
+
 class BouncePass final : public Pass {
  public:
-  BouncePass(const Parts& parts, PassPlan plan) : Pass(std::move(plan)), parts_(parts) {
+  /// @param bounce from 0
+  BouncePass(const Parts& parts, std::uint32_t bounce, PassPlan plan)
+      : Pass(std::move(plan)), parts_(parts), bounce_(bounce) {
     plan_.reads = lightmap::plane_set({PlaneId::kDirect, PlaneId::kSky, PlaneId::kIndirect});
     plan_.writes = lightmap::plane_set({PlaneId::kIndirect});
-    const double rays =
-        kFacingShare * pass_rays(parts.patches.size(), parts.patches.pair_samples());
-    const double per_texel = rays / std::max(1u, parts.patches.size());
-    plan_.work = Work::directions(per_texel);
-    plan_.batch_texels = std::uint32_t(std::clamp(kBatchRays / per_texel, 1.0, 256.0));
+    const double rays = bounce_rays(parts);
+    plan_.work = Work::directions(rays);
+    plan_.batch_texels = std::uint32_t(std::clamp(kBatchRays / rays, 1.0, 256.0));
   }
 
-  bool prepare(const lightmap::Lightmap& before, const exec::Workers&) override {
+  bool prepare(const lightmap::Lightmap& before, const exec::Workers& workers) override {
     radiosity_.resize(before.size());
-    for (std::uint32_t t = 0; t < before.size(); ++t)
+    for (std::uint32_t t = 0; t < before.size(); ++t) {
       radiosity_[t] = parts_.reflectance(t) * before.irradiance(t);
+      if (!parts_.emittance.empty()) radiosity_[t] += parts_.emittance[t];
+    }
+    if (parts_.senders.are_per_receiver()) return true;
+    auto senders = parts_.senders.pick(radiosity_, bounce_, workers.stop);
+    if (!senders) return false;
+    senders_ = std::move(*senders);
     return true;
   }
 
   std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap&,
                     const lightmap::LightmapView& after) const override {
     std::uint64_t rays = 0;
-    const auto sends = [&](std::uint32_t j) { return !is_black(radiosity_[j]); };
+    Senders own;
     for (std::uint32_t i = range.begin; i < range.end; ++i) {
-      double sum[3] = {};
-      rays += parts_.factors.row(i, 0, parts_.patches.size(), sends,
-                                 [&](std::uint32_t j, float factor) {
-                                   const math::Rgb b = radiosity_[j];
-                                   sum[0] += double(factor * b.r);
-                                   sum[1] += double(factor * b.g);
-                                   sum[2] += double(factor * b.b);
-                                 });
-      after.indirect[i] = {float(sum[0]), float(sum[1]), float(sum[2])};
+      Sums sums{};
+      if (parts_.senders.are_per_receiver()) {
+        std::uint32_t window = 0;
+        do {
+          window = parts_.senders.pick_for(i, radiosity_, bounce_, window, own);
+          rays += add(i, own, sums);
+        } while (window > 0);
+      } else {
+        rays += add(i, senders_, sums);
+      }
+      after.indirect[i] = {float(sums[0]), float(sums[1]), float(sums[2])};
     }
     return rays;
   }
 
  private:
+  using Sums = std::array<double, 3>;
+
+  /// Adds what some senders give to a texel. @return rays traced
+  std::uint64_t add(std::uint32_t texel, const Senders& from, Sums& sums) const {
+    return parts_.factors.row(texel, from, [&](std::uint32_t s, float factor) {
+      const math::Rgb b = from.list[s].radiosity;
+      sums[0] += double(factor * b.r);
+      sums[1] += double(factor * b.g);
+      sums[2] += double(factor * b.b);
+    });
+  }
+
   const Parts& parts_;
-  std::vector<math::Rgb> radiosity_;  ///< B of the pass before, lx
+  const std::uint32_t bounce_;
+  std::vector<math::Rgb> radiosity_;  ///< B of the texels in the pass before, lx
+  Senders senders_;                   ///< of all receivers, unless each has its own
 };
 
 class PairwiseSolver final : public Solver {
@@ -67,37 +96,40 @@ class PairwiseSolver final : public Solver {
     PassPlan plan;
     plan.index = count;
     if (count < first_bounce()) {
-      plan.completes = world_.settings.bounces == 0 && count + 1 == first_bounce();
+      plan.completes = bounces() == 0 && count + 1 == first_bounce();
       plan.name = count == 0 ? "direct" : "sky";
       return count == 0 ? direct::make_direct_pass(world_, std::move(plan))
                         : direct::make_sky_pass(world_, std::move(plan));
     }
-    if (count - first_bounce() >= world_.settings.bounces) return nullptr;
+    if (count - first_bounce() >= bounces()) return nullptr;
     if (count > first_bounce() && is_last(done.first(count - 1))) return nullptr;
     plan.name = "bounce";
     plan.completes = is_last(done);
-    return std::make_unique<BouncePass>(parts_, std::move(plan));
+    return std::make_unique<BouncePass>(parts_, count - first_bounce(), std::move(plan));
   }
 
   Forecast forecast() const override {
     Work work = direct::direct_work(world_);
     if (world_.scene.has_sky()) work += direct::sky_work(world_);
-    const std::uint32_t bounces = std::min(kTypicalBounces, world_.settings.bounces);
-    const double rays = kFacingShare * pass_rays(1, world_.settings.pair_samples);
-    work += Work::directions(rays * world_.texels.size()) * bounces;
-    return {first_bounce() + world_.settings.bounces, work};
+    work += Work::directions(bounce_rays(parts_)) * std::min(kTypicalBounces, bounces());
+    return {first_bounce() + bounces(), work};
   }
   const SamplePlan& samples() const override { return world_.plan; }
 
  private:
   std::uint32_t first_bounce() const { return world_.scene.has_sky() ? 2 : 1; }
+  /// Returns the most passes over the senders. One more brings the light of emitters that send it
+  /// as any texel does.
+  std::uint32_t bounces() const {
+    return world_.settings.bounces + Parts::are_senders(world_.settings);
+  }
 
   /// Returns whether the bounce that follows is the last one: the limit is reached, or the one
   /// after it would change the light by less than the tolerance, as the ratio of the last two says.
   bool is_last(std::span<const proto::PassReport> done) const {
-    const std::size_t bounces = done.size() - first_bounce();
-    if (bounces + 1 >= world_.settings.bounces) return true;
-    if (bounces < 2) return false;
+    const std::size_t had = done.size() - first_bounce();
+    if (had + 1 >= bounces()) return true;
+    if (had < 2) return false;
     const double last = done.back().residual, before = done[done.size() - 2].residual;
     const double ratio = before > 0 ? last / before : 0;
     return ratio < 1 && last * ratio * ratio <= double(world_.settings.tolerance);
@@ -109,12 +141,17 @@ class PairwiseSolver final : public Solver {
 
 }  // namespace
 
-double pass_rays(double texels, std::uint32_t pair_samples) {
-  return texels * texels * pair_samples;
+std::uint32_t window_texels(const proto::SolverSettings& settings, std::uint32_t page_size) {
+  return settings.window.value_or(std::max(1u, page_size / 128));
+}
+
+double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window) {
+  return texels * std::ceil(texels / (double(window) * window)) * pair_samples;
 }
 
 double pairwise_memory_per_texel(std::uint32_t pair_samples) {
-  return Patches::memory_per_texel(pair_samples) + sizeof(math::Rgb);
+  constexpr double kEmittance = sizeof(math::Rgb);
+  return Patches::memory_per_texel(pair_samples) + SenderStrategy::memory_per_texel() + kEmittance;
 }
 
 std::unique_ptr<Solver> make_pairwise_solver(const World& world) {

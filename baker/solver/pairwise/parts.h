@@ -1,6 +1,10 @@
 #pragma once
 
+#include <vector>
+
+#include "baker/solver/emittance.h"
 #include "baker/solver/pairwise/patches.h"
+#include "baker/solver/pairwise/senders.h"
 #include "baker/solver/pairwise/view_factors.h"
 #include "baker/trace/visibility.h"
 
@@ -12,10 +16,17 @@ struct Parts {
   explicit Parts(const World& w)
       : world(w),
         patches(w, w.settings.pair_samples),
+        senders(w, patches),
+        emittance(are_senders(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
         visibility(w.rays),
         factors(patches, visibility, w.settings.distance_factor) {}
   Parts(const Parts&) = delete;
   Parts& operator=(const Parts&) = delete;
+
+  /// Returns whether emitters send their light as any texel does.
+  static bool are_senders(const proto::SolverSettings& s) {
+    return s.emitters == proto::Emitters::kTransport;
+  }
 
   /// Returns the share of the light on a texel that it sends on: ρ · albedo [RTRad eq. 4.8].
   math::Rgb reflectance(std::uint32_t texel) const {
@@ -24,6 +35,8 @@ struct Parts {
 
   const World& world;
   const Patches patches;
+  const SenderStrategy senders;
+  const std::vector<math::Rgb> emittance;  ///< M of the texels, lx; empty when rays find it
   const trace::RayVisibility visibility;
   const ViewFactors factors;
 };
