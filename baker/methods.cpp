@@ -52,7 +52,9 @@ MethodMemory path_memory(const proto::SolverSettings&, const solver::SamplePlan&
 MethodMemory pairwise_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
                              double texels) {
   MethodMemory memory;
-  memory.all_passes = texels * solver::pairwise::pairwise_memory_per_texel(settings.pair_samples);
+  using namespace solver::pairwise;
+  memory.all_passes = texels * pairwise_memory_per_texel(settings.pair_samples) +
+                      pairwise_extra_memory(settings, texels);
   memory.texel_pass = kBouncedPlanes;
   memory.texel_complete = kSampledPlanes;
   return memory;

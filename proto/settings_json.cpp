@@ -190,6 +190,18 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
     problems.add("/solver/emitters", std::string("expected \"explicit\" with method \"") +
                                          to_string(solver.method) +
                                          "\"; only pairwise takes \"transport\"");
+  const bool all_send =
+      solver.undersampling == Undersampling::kNone && !solver.subdivision_threshold;
+  if (solver.iteration == Iteration::kShooting && !all_send)
+    problems.add("/solver/iteration",
+                 "texels shoot their own light: expected \"jacobi\" or \"gauss_seidel\" with "
+                 "undersampling or subdivision_threshold");
+  if (solver.visibility == VisibilityKind::kCached &&
+      (solver.pair_samples > 1 || solver.undersampling == Undersampling::kMipmap ||
+       solver.subdivision_threshold))
+    problems.add("/solver/visibility",
+                 "a bit is remembered for the middles of two texels: expected \"ray\" or \"voxel\" "
+                 "with pair_samples above 1, undersampling \"mipmap\" or subdivision_threshold");
   if (!solver.subdivision_threshold) return;
   if (solver.undersampling != Undersampling::kNone)
     problems.add("/solver/subdivision_threshold",

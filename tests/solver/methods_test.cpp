@@ -119,6 +119,7 @@ lightmap::Lightmap blinded(const lightmap::Lightmap& light, const lightmap::Plan
     std::ranges::fill(plane.bytes(0, plane.size()), std::byte{0x7f});
   });
   if (!contains(kept, lightmap::PlaneId::kHits)) blind.hits.drop();
+  if (!contains(kept, lightmap::PlaneId::kSeen)) blind.seen.drop();
   return blind;
 }
 

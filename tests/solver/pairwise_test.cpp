@@ -47,7 +47,7 @@ struct Ready {
     std::vector<float> f(parts.patches.size());
     const std::vector<math::Rgb> unit(f.size(), {1, 1, 1});
     const auto senders = parts.senders.pick(unit, 0, {});
-    parts.factors.row(i, *senders,
+    parts.factors.row(i, *senders, nullptr,
                       [&](std::uint32_t s, float factor) { f[senders->list[s].texel] = factor; });
     return f;
   }

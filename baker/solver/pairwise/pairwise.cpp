@@ -1,138 +1,178 @@
 #include "baker/solver/pairwise/pairwise.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <cstdio>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "baker/solver/direct/direct_pass.h"
 #include "baker/solver/direct/sky_pass.h"
-#include "baker/solver/pairwise/parts.h"
+#include "baker/solver/pairwise/passes.h"
+#include "baker/solver/pairwise/transport_pass.h"
+#include "baker/trace/voxel_grid.h"
 
 namespace kiln::solver::pairwise {
 namespace {
 
+using proto::Iteration;
+
+std::string percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2g %%", 100 * share);
+  return text;
+}
+
+/// Bytes per texel by which shooting sorts.
+constexpr double kOrder = 8;
+
 /// Rays of a batch, so that it takes some tens of milliseconds.
 constexpr double kBatchRays = 400'000;
 
-using lightmap::PlaneId;
-
-/// Returns the expected rays of one bounce towards a texel.
-double bounce_rays(const Parts& parts) {
-  return kFacingShare * parts.senders.expected() * parts.patches.pair_samples();
-}
-
-class BouncePass final : public Pass {
- public:
-  /// @param bounce from 0
-  BouncePass(const Parts& parts, std::uint32_t bounce, PassPlan plan)
-      : Pass(std::move(plan)), parts_(parts), bounce_(bounce) {
-    plan_.reads = lightmap::plane_set({PlaneId::kDirect, PlaneId::kSky, PlaneId::kIndirect});
-    plan_.writes = lightmap::plane_set({PlaneId::kIndirect});
-    const double rays = bounce_rays(parts);
-    plan_.work = Work::directions(rays);
-    plan_.batch_texels = std::uint32_t(std::clamp(kBatchRays / rays, 1.0, 256.0));
-  }
-
-  bool prepare(const lightmap::Lightmap& before, const exec::Workers& workers) override {
-    radiosity_.resize(before.size());
-    for (std::uint32_t t = 0; t < before.size(); ++t) {
-      radiosity_[t] = parts_.reflectance(t) * before.irradiance(t);
-      if (!parts_.emittance.empty()) radiosity_[t] += parts_.emittance[t];
-    }
-    if (parts_.senders.are_per_receiver()) return true;
-    auto senders = parts_.senders.pick(radiosity_, bounce_, workers.stop);
-    if (!senders) return false;
-    senders_ = std::move(*senders);
-    return true;
-  }
-
-  std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap&,
-                    const lightmap::LightmapView& after) const override {
-    std::uint64_t rays = 0;
-    Senders own;
-    for (std::uint32_t i = range.begin; i < range.end; ++i) {
-      Sums sums{};
-      if (parts_.senders.are_per_receiver()) {
-        std::uint32_t window = 0;
-        do {
-          window = parts_.senders.pick_for(i, radiosity_, bounce_, window, own);
-          rays += add(i, own, sums);
-        } while (window > 0);
-      } else {
-        rays += add(i, senders_, sums);
-      }
-      after.indirect[i] = {float(sums[0]), float(sums[1]), float(sums[2])};
-    }
-    return rays;
-  }
-
- private:
-  using Sums = std::array<double, 3>;
-
-  /// Adds what some senders give to a texel. @return rays traced
-  std::uint64_t add(std::uint32_t texel, const Senders& from, Sums& sums) const {
-    return parts_.factors.row(texel, from, [&](std::uint32_t s, float factor) {
-      const math::Rgb b = from.list[s].radiosity;
-      sums[0] += double(factor * b.r);
-      sums[1] += double(factor * b.g);
-      sums[2] += double(factor * b.b);
-    });
-  }
-
-  const Parts& parts_;
-  const std::uint32_t bounce_;
-  std::vector<math::Rgb> radiosity_;  ///< B of the texels in the pass before, lx
-  Senders senders_;                   ///< of all receivers, unless each has its own
-};
-
+/// The passes, in order: direct light; the sky; what is seen, where that is remembered; then
+/// bounces, each of as many steps as the iteration takes.
 class PairwiseSolver final : public Solver {
  public:
   explicit PairwiseSolver(const World& world) : world_(world), parts_(world_) {}
+
+  std::vector<lightmap::PlaneSpec> state_planes() const override {
+    std::vector<lightmap::PlaneSpec> planes;
+    if (iteration() == Iteration::kShooting) planes.push_back({lightmap::PlaneId::kRadiosity});
+    if (remembers()) planes.push_back({lightmap::PlaneId::kSeen, parts_.seen_words()});
+    if (world_.settings.max_contribution || world_.settings.max_view_factor)
+      planes.push_back({lightmap::PlaneId::kClamped});
+    return planes;
+  }
 
   std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
     const auto count = std::uint32_t(done.size());
     PassPlan plan;
     plan.index = count;
-    if (count < first_bounce()) {
-      plan.completes = bounces() == 0 && count + 1 == first_bounce();
-      plan.name = count == 0 ? "direct" : "sky";
-      return count == 0 ? direct::make_direct_pass(world_, std::move(plan))
-                        : direct::make_sky_pass(world_, std::move(plan));
+    plan.completes = bounces() == 0 && count + 1 == lead();
+    if (count == 0) {
+      plan.name = "direct";
+      return direct::make_direct_pass(world_, std::move(plan));
     }
-    if (count - first_bounce() >= bounces()) return nullptr;
-    if (count > first_bounce() && is_last(done.first(count - 1))) return nullptr;
-    plan.name = "bounce";
-    plan.completes = is_last(done);
-    return std::make_unique<BouncePass>(parts_, count - first_bounce(), std::move(plan));
+    if (count == 1 && world_.scene.has_sky()) {
+      plan.name = "sky";
+      return direct::make_sky_pass(world_, std::move(plan));
+    }
+    if (count + 1 == lead() && remembers()) {
+      plan.name = "visibility";
+      return make_seeing_pass(parts_, std::move(plan));
+    }
+    return next_step(done.subspan(lead()), std::move(plan));
   }
 
   Forecast forecast() const override {
     Work work = direct::direct_work(world_);
     if (world_.scene.has_sky()) work += direct::sky_work(world_);
-    work += Work::directions(bounce_rays(parts_)) * std::min(kTypicalBounces, bounces());
-    return {first_bounce() + bounces(), work};
+    const double rays = bounce_rays(parts_);
+    if (remembers()) work += Work::directions(rays / 2);
+    work += Work::directions(rays) * std::min(kTypicalBounces, bounces());
+    return {lead() + bounces() * steps(), work};
   }
   const SamplePlan& samples() const override { return world_.plan; }
 
+  std::vector<proto::Warning> remarks(std::span<const proto::PassReport>,
+                                      const lightmap::Lightmap& light) const override {
+    std::vector<proto::Warning> remarks;
+    const double covered = PairLayout(parts_.patches.size(), parts_.seen_words()).coverage();
+    if (world_.settings.visibility == proto::VisibilityKind::kCached && covered < 1)
+      remarks.push_back({"visibility_cache_full", "",
+                         "The memory for visibility holds " + percent(covered) +
+                             " of all pairs of texels; the others are traced in every bounce. All "
+                             "of them take " +
+                             std::to_string(mib_for_all_pairs()) + " MiB."});
+    if (light.clamped.size() > 0) remarks.push_back({"energy_clamped", "", clamped(light)});
+    return remarks;
+  }
+
  private:
-  std::uint32_t first_bounce() const { return world_.scene.has_sky() ? 2 : 1; }
+  std::uint64_t mib_for_all_pairs() const {
+    const std::uint64_t size = parts_.patches.size();
+    return (size * ((size / 2 + 31) / 32) * sizeof(std::uint32_t) >> 20) + 1;
+  }
+  /// Says what share of all light the clamps have taken.
+  std::string clamped(const lightmap::Lightmap& light) const {
+    double lost = 0, left = 0;
+    for (std::uint32_t t = 0; t < light.size(); ++t) {
+      const double area = parts_.patches.area_m2(t);
+      lost += area * double(light.clamped[t]);
+      left += area * double(luminance(light.irradiance(t)));
+    }
+    return "The clamps of solver.max_contribution and solver.max_view_factor took " +
+           percent(lost + left > 0 ? lost / (lost + left) : 0) +
+           " of the light in the last bounce, apart from what earlier bounces lacked.";
+  }
+
+  Iteration iteration() const { return world_.settings.iteration; }
+  bool remembers() const { return bounces() > 0 && parts_.seen_words() > 0; }
+  /// Returns the passes before the first bounce.
+  std::uint32_t lead() const { return 1 + world_.scene.has_sky() + remembers(); }
   /// Returns the most passes over the senders. One more brings the light of emitters that send it
   /// as any texel does.
   std::uint32_t bounces() const {
     return world_.settings.bounces + Parts::are_senders(world_.settings);
   }
+  /// Returns the passes of a bounce.
+  std::uint32_t steps() const {
+    switch (iteration()) {
+      case Iteration::kJacobi:
+        break;
+      case Iteration::kGaussSeidel:
+        return kTiles;
+      case Iteration::kShooting:
+        return kShots;
+    }
+    return 1;
+  }
+
+  std::unique_ptr<Pass> next_step(std::span<const proto::PassReport> done, PassPlan plan) const {
+    if (iteration() == Iteration::kShooting) return next_shot(done, std::move(plan));
+    const auto bounce = std::uint32_t(done.size() / steps());
+    const auto step = std::uint32_t(done.size() % steps());
+    if (bounce >= bounces()) return nullptr;
+    const std::vector<double> changes = changes_of(done);
+    if (step == 0 && bounce > 0 && is_last(std::span(changes).first(bounce - 1))) return nullptr;
+    plan.completes = step + 1 == steps() && is_last(changes);
+    plan.name = iteration() == Iteration::kJacobi ? "bounce" : "tile";
+    const std::uint64_t size = world_.texels.size();
+    const atlas::TexelRange tile{std::uint32_t(size * step / steps()),
+                                 std::uint32_t(size * (step + 1) / steps())};
+    return make_bounce_pass(parts_, bounce, tile, remembers(), std::move(plan));
+  }
+
+  std::unique_ptr<Pass> next_shot(std::span<const proto::PassReport> done, PassPlan plan) const {
+    if (!done.empty() && is_last_shot(done.first(done.size() - 1))) return nullptr;
+    plan.completes = is_last_shot(done);
+    plan.name = "shoot";
+    return make_shooting_pass(parts_, remembers(), std::move(plan));
+  }
+
+  /// Returns the change of each bounce that is over: the sum over its steps.
+  std::vector<double> changes_of(std::span<const proto::PassReport> done) const {
+    std::vector<double> changes(done.size() / steps());
+    for (std::size_t i = 0; i < changes.size() * steps(); ++i)
+      changes[i / steps()] += done[i].residual;
+    return changes;
+  }
 
   /// Returns whether the bounce that follows is the last one: the limit is reached, or the one
   /// after it would change the light by less than the tolerance, as the ratio of the last two says.
-  bool is_last(std::span<const proto::PassReport> done) const {
-    const std::size_t had = done.size() - first_bounce();
-    if (had + 1 >= bounces()) return true;
-    if (had < 2) return false;
-    const double last = done.back().residual, before = done[done.size() - 2].residual;
+  bool is_last(std::span<const double> changes) const {
+    if (changes.size() + 1 >= bounces()) return true;
+    if (changes.size() < 2) return false;
+    const double last = changes.back(), before = changes[changes.size() - 2];
     const double ratio = before > 0 ? last / before : 0;
     return ratio < 1 && last * ratio * ratio <= double(world_.settings.tolerance);
+  }
+  /// The same for a shot. Those after it send less than it each, so that all texels together would
+  /// change the light by less than kShots times its share.
+  bool is_last_shot(std::span<const proto::PassReport> done) const {
+    if (done.size() + 1 >= std::size_t(bounces()) * kShots) return true;
+    return !done.empty() && done.back().residual * kShots <= double(world_.settings.tolerance);
   }
 
   const World world_;
@@ -140,6 +180,15 @@ class PairwiseSolver final : public Solver {
 };
 
 }  // namespace
+
+double bounce_rays(const Parts& parts) {
+  return kFacingShare * parts.senders.expected() * parts.patches.pair_samples();
+}
+
+std::uint32_t batch_texels(const Parts& parts) {
+  const double most = std::clamp(kBatchRays / bounce_rays(parts), 1.0, 256.0);
+  return parts.world.settings.batch_texels.value_or(std::uint32_t(most));
+}
 
 std::uint32_t window_texels(const proto::SolverSettings& settings, std::uint32_t page_size) {
   return settings.window.value_or(std::max(1u, page_size / 128));
@@ -152,6 +201,20 @@ double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window
 double pairwise_memory_per_texel(std::uint32_t pair_samples) {
   constexpr double kEmittance = sizeof(math::Rgb);
   return Patches::memory_per_texel(pair_samples) + SenderStrategy::memory_per_texel() + kEmittance;
+}
+
+double pairwise_extra_memory(const proto::SolverSettings& s, double texels) {
+  double bytes = 0;
+  if (s.visibility == proto::VisibilityKind::kCached) {
+    const auto words =
+        PairLayout::words_for(std::uint32_t(texels), std::uint64_t(s.visibility_cache_mib) << 20);
+    bytes += texels * words * sizeof(std::uint32_t);
+  }
+  if (s.visibility == proto::VisibilityKind::kVoxel)
+    bytes += trace::VoxelGrid::memory(s.voxel_grid);
+  if (s.iteration == Iteration::kShooting) bytes += texels * (sizeof(math::Rgb) + kOrder);
+  if (Clamps::are_used(s)) bytes += texels * sizeof(float);
+  return bytes;
 }
 
 std::unique_ptr<Solver> make_pairwise_solver(const World& world) {

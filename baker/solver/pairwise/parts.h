@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "baker/solver/emittance.h"
@@ -18,11 +19,19 @@ struct Parts {
         patches(w, w.settings.pair_samples),
         senders(w, patches),
         emittance(are_senders(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
-        visibility(w.rays),
-        factors(patches, visibility, w.settings.distance_factor) {}
+        visibility(make_visibility(w)),
+        factors(patches, *visibility, w.settings.distance_factor) {}
   Parts(const Parts&) = delete;
   Parts& operator=(const Parts&) = delete;
 
+  /// Returns rays, or voxels in their place. @param w outlives the result
+  static std::unique_ptr<const trace::Visibility> make_visibility(const World& w);
+  /// Returns the words per texel that remember what is seen; 0 when nothing does.
+  std::uint32_t seen_words() const {
+    if (world.settings.visibility != proto::VisibilityKind::kCached) return 0;
+    return PairLayout::words_for(patches.size(), std::uint64_t(world.settings.visibility_cache_mib)
+                                                     << 20);
+  }
   /// Returns whether emitters send their light as any texel does.
   static bool are_senders(const proto::SolverSettings& s) {
     return s.emitters == proto::Emitters::kTransport;
@@ -37,7 +46,7 @@ struct Parts {
   const Patches patches;
   const SenderStrategy senders;
   const std::vector<math::Rgb> emittance;  ///< M of the texels, lx; empty when rays find it
-  const trace::RayVisibility visibility;
+  const std::unique_ptr<const trace::Visibility> visibility;
   const ViewFactors factors;
 };
 

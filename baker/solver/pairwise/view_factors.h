@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "baker/solver/pairwise/patches.h"
+#include "baker/solver/pairwise/seen_pairs.h"
 #include "baker/solver/pairwise/senders.h"
 #include "baker/trace/visibility.h"
 
@@ -42,11 +43,14 @@ class ViewFactors {
 
   /// Calls `use(s, F)` for the senders that give light to texel i, in their order; `s` is the place
   /// in the list. Pairs of points that turn away from each other are skipped before they are
-  /// traced, and so are those within a window. @return rays traced
+  /// traced, and so are those within a window. @param seen what is known already; may be null, and
+  /// needs senders that are texels, with one sample a pair. The factors are the same without it.
+  /// @return rays traced
   template <class Use>
-  std::uint64_t row(std::uint32_t i, const Senders& senders, const Use& use) const {
+  std::uint64_t row(std::uint32_t i, const Senders& senders, const SeenPairs* seen,
+                    const Use& use) const {
     return walk(
-        i, Listed{patches_, senders}, 0, std::uint32_t(senders.list.size()),
+        i, Listed{patches_, senders}, 0, std::uint32_t(senders.list.size()), seen,
         [](Factors f) { return f.forth > 0; },
         [&](std::uint32_t s, Factors f) { use(s, f.forth); });
   }
@@ -56,7 +60,8 @@ class ViewFactors {
   std::uint64_t pairs(std::uint32_t i, std::uint32_t begin, std::uint32_t end,
                       const Use& use) const {
     return walk(
-        i, Texels{patches_}, begin, end, [](Factors f) { return f.forth > 0 || f.back > 0; }, use);
+        i, Texels{patches_}, begin, end, nullptr,
+        [](Factors f) { return f.forth > 0 || f.back > 0; }, use);
   }
 
  private:
@@ -85,12 +90,14 @@ class ViewFactors {
 
   template <class Others, class Matters, class Use>
   std::uint64_t walk(std::uint32_t i, const Others& others, std::uint32_t begin, std::uint32_t end,
-                     const Matters& matters, const Use& use) const {
+                     const SeenPairs* seen, const Matters& matters, const Use& use) const {
     Queue<Others, Use> queue(*this, i, others, use);
     const std::uint32_t samples = patches_.pair_samples();
     for (std::uint32_t s = begin; s < end; ++s) {
       const std::uint32_t j = others.texel(s);
       if (j == i) continue;
+      const auto known = seen ? seen->ask(i, j) : SeenPairs::Answer::kUnknown;
+      if (known == SeenPairs::Answer::kApart) continue;
       const std::uint32_t key = samples > 1 ? patches_.pair_key(i, j) : 0;
       bool excluded = false, asked = false;
       for (std::uint32_t k = 0; k < samples && !excluded; ++k) {
@@ -100,7 +107,8 @@ class ViewFactors {
         const Factors kernel = unoccluded(one, other);
         if (!matters(kernel)) continue;
         if (!asked) excluded = patches_.are_excluded(i, j), asked = true;
-        if (!excluded) queue.add(s, kernel, one.origin, other.origin);
+        if (excluded) continue;
+        queue.add(s, kernel, one.origin, other.origin, known == SeenPairs::Answer::kSeen);
       }
     }
     queue.finish();
@@ -120,35 +128,40 @@ class ViewFactors {
     return {(at_a / r2) * (above_b / r2), (at_b / r2) * (above_a / r2)};
   }
 
-  /// Collects segments of a row until there are sixteen to trace. The segments of a pair follow
-  /// each other, and their sum is passed on when those of the next pair begin.
+  /// Collects segments of a row until there are sixteen, and traces those of which nothing is
+  /// known. The segments of a pair follow each other, and their sum is passed on when those of the
+  /// next pair begin.
   template <class Others, class Use>
   class Queue {
    public:
     Queue(const ViewFactors& factors, std::uint32_t i, const Others& others, const Use& use)
         : of_(factors), i_(i), others_(others), use_(use) {}
 
-    void add(std::uint32_t j, Factors kernel, math::Vec3 at_i, math::Vec3 at_j) {
-      j_[packet_.count] = j, kernel_[packet_.count] = kernel;
-      i_ < others_.texel(j) ? packet_.add(at_i, at_j) : packet_.add(at_j, at_i);
-      if (packet_.is_full()) trace();
+    void add(std::uint32_t j, Factors kernel, math::Vec3 at_i, math::Vec3 at_j, bool is_open) {
+      j_[count_] = j, kernel_[count_] = kernel;
+      lane_[count_] = is_open ? kOpen : packet_.count;
+      if (!is_open) i_ < others_.texel(j) ? packet_.add(at_i, at_j) : packet_.add(at_j, at_i);
+      if (++count_ == 16) settle();
     }
     void finish() {
-      if (packet_.count > 0) trace();
+      settle();
       pass_on();
     }
     std::uint64_t traced() const { return traced_; }
 
    private:
-    void trace() {
-      const std::uint32_t blocked = of_.visibility_.blocked(packet_);
-      for (std::uint32_t s = 0; s < packet_.count; ++s) {
+    /// The lane of a segment that is known to be open: no bit of an answer.
+    static constexpr std::uint32_t kOpen = 31;
+
+    void settle() {
+      const std::uint32_t blocked = packet_.count > 0 ? of_.visibility_.blocked(packet_) : 0;
+      for (std::uint32_t s = 0; s < count_; ++s) {
         if (j_[s] != last_) pass_on(), last_ = j_[s];
-        if (blocked >> s & 1) continue;
+        if (blocked >> lane_[s] & 1) continue;
         sum_.forth += kernel_[s].forth, sum_.back += kernel_[s].back;
       }
       traced_ += packet_.count;
-      packet_.count = 0;
+      packet_.count = count_ = 0;
     }
     void pass_on() {
       if (sum_.forth > 0 || sum_.back > 0) {
@@ -164,7 +177,7 @@ class ViewFactors {
     const Others& others_;
     const Use& use_;
     trace::SegmentPacket packet_;
-    std::uint32_t j_[16]{};
+    std::uint32_t j_[16]{}, lane_[16]{}, count_ = 0;
     Factors kernel_[16];
     std::uint32_t last_ = 0;
     Factors sum_;
