@@ -53,7 +53,7 @@ MethodMemory pairwise_memory(const proto::SolverSettings& settings, const solver
                              double texels) {
   MethodMemory memory;
   using namespace solver::pairwise;
-  memory.all_passes = texels * pairwise_memory_per_texel(settings.pair_samples) +
+  memory.all_passes = texels * pairwise_memory_per_texel(settings) +
                       pairwise_extra_memory(settings, texels);
   memory.texel_pass = kBouncedPlanes;
   memory.texel_complete = kSampledPlanes;
@@ -65,7 +65,7 @@ MethodMemory matrix_memory(const proto::SolverSettings& settings, const solver::
                            double texels) {
   MethodMemory memory = pairwise_memory(settings, plan, texels);
   const double most = settings.allow_expensive ? texels : std::min(texels, kMostMatrixTexels);
-  memory.all_passes = solver::pairwise::matrix_memory(most, settings.pair_samples);
+  memory.all_passes = solver::pairwise::matrix_memory(most, settings);
   return memory;
 }
 
@@ -102,7 +102,7 @@ proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, doub
           std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
           " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
           " hours at 10 million rays a second, and " +
-          gib(texels * pairwise_memory_per_texel(settings.pair_samples)) + " of memory.",
+          gib(texels * pairwise_memory_per_texel(settings)) + " of memory.",
       "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
           ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
 }
@@ -111,7 +111,7 @@ proto::Expected<void> check_matrix(const proto::SolverSettings& settings, double
   if (texels <= kMostMatrixTexels || settings.allow_expensive) return {};
   return too_expensive("matrix would keep the view factors of all pairs of " +
                            std::to_string(std::uint64_t(texels)) + " texels, which take " +
-                           gib(solver::pairwise::matrix_memory(texels, settings.pair_samples)) +
+                           gib(solver::pairwise::matrix_memory(texels, settings)) +
                            " of memory, and takes up to " + std::to_string(int(kMostMatrixTexels)) +
                            " texels.",
                        "or a smaller atlas.page_size");

@@ -198,9 +198,10 @@ double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window
   return texels * std::ceil(texels / (double(window) * window)) * pair_samples;
 }
 
-double pairwise_memory_per_texel(std::uint32_t pair_samples) {
-  constexpr double kEmittance = sizeof(math::Rgb);
-  return Patches::memory_per_texel(pair_samples) + SenderStrategy::memory_per_texel() + kEmittance;
+double pairwise_memory_per_texel(const proto::SolverSettings& settings) {
+  const double emittance = Parts::are_senders(settings) ? sizeof(math::Rgb) : 0;
+  return Patches::memory_per_texel(settings.pair_samples) +
+         SenderStrategy::memory_per_texel(settings) + emittance;
 }
 
 double pairwise_extra_memory(const proto::SolverSettings& s, double texels) {

@@ -59,9 +59,9 @@ std::uint32_t window_texels(const proto::SolverSettings&, std::uint32_t page_siz
 /// The rays of one pass of `pairwise` over so many texels, with a sender in each window, if all
 /// faced each other; and the memory of the methods. Bytes.
 double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window = 1);
-double pairwise_memory_per_texel(std::uint32_t pair_samples);
+double pairwise_memory_per_texel(const proto::SolverSettings&);
 /// What remembered visibility, voxels, shooting and clamps take beside that, of all texels.
 double pairwise_extra_memory(const proto::SolverSettings&, double texels);
-double matrix_memory(double texels, std::uint32_t pair_samples);  ///< of all texels
+double matrix_memory(double texels, const proto::SolverSettings&);  ///< of all texels
 
 }  // namespace kiln::solver::pairwise

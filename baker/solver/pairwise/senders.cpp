@@ -78,10 +78,14 @@ SenderStrategy::SenderStrategy(const World& world, const Patches& patches)
                            std::uint32_t(world.settings.seed >> 32))),
       windows_(windows_of(world, patches)) {}
 
-double SenderStrategy::memory_per_texel() {
+double SenderStrategy::memory_per_texel(const proto::SolverSettings& settings) {
   constexpr double kWindows = 4 * sizeof(std::uint32_t), kLeaves = 4 * sizeof(std::uint32_t);
-  return sizeof(math::Rgb) + sizeof(Sender) + kWindows +
-         std::max(kLeaves, sizeof(Patches::Point) / 2.0);
+  double bytes = sizeof(math::Rgb) + sizeof(Sender);
+  if (settings.undersampling != Undersampling::kNone || settings.subdivision_threshold)
+    bytes += kWindows;
+  if (settings.undersampling == Undersampling::kMipmap) bytes += sizeof(Patches::Point) / 2.0;
+  if (settings.subdivision_threshold) bytes += kLeaves;
+  return bytes;
 }
 
 bool SenderStrategy::are_per_receiver() const {

@@ -52,7 +52,7 @@ class SenderStrategy {
   /// Both outlive this.
   SenderStrategy(const World&, const Patches&);
   /// The most that senders, and what they are picked from, take. Bytes.
-  static double memory_per_texel();
+  static double memory_per_texel(const proto::SolverSettings&);
 
   /// Returns whether every receiver has senders of its own.
   bool are_per_receiver() const;
