@@ -16,13 +16,13 @@ struct Generator {
 
 constexpr std::array kGenerators{
     Generator{{"cornell", "Cornell box of 5.5 m with two blocks and a ceiling lamp"}, cornell, 1},
-    Generator{{"cornell_layers", "Cornell box with four shelves that hide the lamp from the floor"},
-              cornell_layers,
+    Generator{{"cornell_shelves", "Cornell box with four shelves that hide the lamp from the floor"},
+              cornell_shelves,
               1},
     Generator{
-        {"cornell_geom",
+        {"bumpy_ball",
          "Cornell box with a bumpy ball on a plinth; 12 detail^2 triangles, detail 91 = 99,372"},
-        cornell_geom,
+        bumpy_ball,
         91},
     Generator{{"room_textured", "closed room with image textures and a picture that glows"},
               room_textured,

@@ -90,7 +90,7 @@ std::string cornell(const std::string& name, std::uint32_t) {
   return scene.finish();
 }
 
-std::string cornell_layers(const std::string& name, std::uint32_t) {
+std::string cornell_shelves(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);
   const CornellColors c = cornell_room(scene);
   // Each shelf spans two thirds of the room. Shelves alternate between the left and the right wall,
@@ -104,7 +104,7 @@ std::string cornell_layers(const std::string& name, std::uint32_t) {
   return scene.finish();
 }
 
-std::string cornell_geom(const std::string& name, std::uint32_t detail) {
+std::string bumpy_ball(const std::string& name, std::uint32_t detail) {
   SceneBuilder scene(name);
   const CornellColors c = cornell_room(scene);
   scene.solid("plinth", c.white, {{0, 0, 0}, {1.8f, 0.8f, 1.8f}}, kAllFaces & ~kFloor);

@@ -10,8 +10,8 @@ namespace kiln::generate {
 using SceneFunction = std::string (*)(const std::string& name, std::uint32_t detail);
 
 std::string cornell(const std::string& name, std::uint32_t detail);
-std::string cornell_layers(const std::string& name, std::uint32_t detail);
-std::string cornell_geom(const std::string& name, std::uint32_t detail);
+std::string cornell_shelves(const std::string& name, std::uint32_t detail);
+std::string bumpy_ball(const std::string& name, std::uint32_t detail);
 std::string room_textured(const std::string& name, std::uint32_t detail);
 std::string many_lights(const std::string& name, std::uint32_t detail);
 

@@ -239,7 +239,7 @@ TEST(Generate, TheFurnaceIsClosedAndFacesInwards) {
 TEST(Generate, BallsAreWatertight) {
   using Point = std::array<float, 3>;
   std::map<std::pair<Point, Point>, int> edges;
-  for (const Triangle& t : triangles_of(generate("cornell_geom", 13))) {
+  for (const Triangle& t : triangles_of(generate("bumpy_ball", 13))) {
     if (t.node != "statue") continue;
     for (std::size_t k = 0; k < 3; ++k) {
       const math::Vec3 a = t.position[k], b = t.position[(k + 1) % 3];
@@ -253,7 +253,7 @@ TEST(Generate, BallsAreWatertight) {
 
 TEST(Generate, DetailSetsTheNumberOfTriangles) {
   const auto count = [](std::uint32_t detail) {
-    const auto all = triangles_of(generate("cornell_geom", detail));
+    const auto all = triangles_of(generate("bumpy_ball", detail));
     return std::count_if(all.begin(), all.end(),
                          [](const Triangle& t) { return t.node == "statue"; });
   };
@@ -291,7 +291,7 @@ TEST(Generate, UnknownNameListsTheKnownOnes) {
   const auto result = generate_glb("cornel");
   ASSERT_FALSE(result.has_value());
   EXPECT_EQ(result.error().code, "unknown_generator");
-  EXPECT_NE(result.error().message.find("cornell_geom"), std::string::npos);
+  EXPECT_NE(result.error().message.find("bumpy_ball"), std::string::npos);
 }
 
 TEST(Generate, TooMuchDetailIsRefused) {
