@@ -32,7 +32,7 @@ Bounds bounds_of(const std::vector<Triangle>& triangles) {
 }
 
 /// Returns six times the volume that a closed surface holds: positive where it faces outwards.
-double volume(const std::vector<Triangle>& triangles) {
+double six_volumes(const std::vector<Triangle>& triangles) {
   double sum = 0;
   for (const Triangle& t : triangles)
     sum += dot(math::to_double(t.position[0]),
@@ -44,6 +44,10 @@ struct Counted {
   const char* scene;
   std::size_t least, most;
 };
+
+void PrintTo(const Counted& c, std::ostream* out) {
+  *out << c.scene;
+}
 
 class TriangleCounts : public testing::TestWithParam<Counted> {};
 
@@ -71,6 +75,10 @@ struct Solid {
   const char* test;
 };
 
+void PrintTo(const Solid& s, std::ostream* out) {
+  *out << s.scene << "'s " << s.node;
+}
+
 class Solids : public testing::TestWithParam<Solid> {};
 
 /// Every edge has exactly two triangles, which run along it in opposite directions, even across
@@ -96,7 +104,7 @@ TEST_P(Solids, AreClosedAndFaceOutwards) {
     ASSERT_EQ(edge.uses, 2) << ends.first[0] << ", " << ends.first[1] << ", " << ends.first[2];
     ASSERT_EQ(edge.balance, 0);
   }
-  EXPECT_GT(volume(triangles), 0);
+  EXPECT_GT(six_volumes(triangles), 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, Solids,
