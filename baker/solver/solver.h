@@ -41,6 +41,10 @@ class Solver {
   virtual Forecast forecast() const = 0;
   /// Returns how many samples the passes before the first round take, and how many rounds may add.
   virtual const SamplePlan& samples() const = 0;
+  /// Returns what a reader of the result should know of the light after these passes.
+  virtual std::vector<proto::Warning> remarks(std::span<const proto::PassReport> /*done*/) const {
+    return {};
+  }
   /// Returns how gathered rays are put into packets, see PacketLayout; empty when none are.
   virtual std::string ray_pattern() const { return {}; }
 };
