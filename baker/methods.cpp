@@ -9,6 +9,8 @@
 #include "baker/solver/gather/gather.h"
 #include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
+#include "baker/solver/radiosity_map/radiosity_map.h"
+#include "baker/solver/radiosity_map/series.h"
 
 namespace kiln::baker {
 namespace {
@@ -66,6 +68,16 @@ MethodMemory matrix_memory(const proto::SolverSettings& settings, const solver::
   MethodMemory memory = pairwise_memory(settings, plan, texels);
   const double most = settings.allow_expensive ? texels : std::min(texels, kMostMatrixTexels);
   memory.all_passes = solver::pairwise::matrix_memory(most, settings);
+  return memory;
+}
+
+MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
+                                  const solver::SamplePlan& plan, double texels) {
+  MethodMemory memory;
+  memory.all_passes =
+      texels * kHitBytes * solver::radiosity_map::kept_directions(settings, plan, texels);
+  if (settings.series == proto::Series::kUnbiased) memory.texel_state = sizeof(math::Rgb);
+  memory.texel_pass = memory.texel_complete = kSampledPlanes + kBouncedPlanes + kRadiosity;
   return memory;
 }
 
@@ -131,6 +143,8 @@ constexpr std::array kMethods{
            /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
     Method{proto::Method::kMatrix, solver::pairwise::make_matrix_solver, solver::fixed_plan,
            /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
+    Method{proto::Method::kRadiosityMap, solver::radiosity_map::make_radiosity_map_solver,
+           solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {

@@ -64,7 +64,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath, kPairwise, kMatrix };
+enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -80,6 +80,8 @@ inline constexpr std::array kMethodNames{
     Word{"path", "unbiased path tracing, the slow reference."},
     Word{"pairwise", "progressive radiosity over all pairs of texels, for small pages."},
     Word{"matrix", "the system of pairwise solved exactly, for a few thousand texels."},
+    Word{"radiosity_map",
+         "a sample of every texel at a time, each reading the mean of those before."},
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
@@ -136,13 +138,14 @@ enum class Emitters { kExplicit, kTransport };
 struct SolverSettings {
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
-  /// Indirect directions (gather), paths (path) or directions to the sky (pairwise, matrix) per
-  /// texel; null: as many as the quality asks for (gather), 256.
+  /// Indirect directions (gather), paths (path), directions to the sky (pairwise, matrix) or
+  /// iterations (radiosity_map) per texel; null: as many as the quality asks for (gather), 800
+  /// (radiosity_map), 256.
   std::optional<std::uint32_t> samples;
-  /// Shadow rays per texel towards area lights (all but path); null: as many as the quality asks
-  /// for.
+  /// Shadow rays per texel towards area lights (all but path); null: 200 (radiosity_map), as many
+  /// as the quality asks for.
   std::optional<std::uint32_t> direct_samples;
-  std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather)
+  std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather, radiosity_map)
   bool coarse_indirect = true;  ///< gather every second texel and interpolate between them (gather)
   RayPattern ray_pattern = RayPattern::kAuto;
   float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
@@ -163,7 +166,7 @@ struct SolverSettings {
   std::optional<float> max_contribution, max_view_factor;
   /// Senders are the leaves of a quadtree whose gradient stays below this; null: no quadtree.
   std::optional<float> subdivision_threshold;
-  float subdivision_ramp = 0;             ///< added to the threshold after every pass
+  float subdivision_ramp = 0;              ///< added to the threshold after every pass
   std::uint32_t subdivision_max_node = 8;  ///< longest side of a leaf, texels
   VisibilityKind visibility = VisibilityKind::kRay;
   std::uint32_t visibility_cache_mib = 256;  ///< memory for remembered visibility (cached)
@@ -175,7 +178,7 @@ struct SolverSettings {
   bool rtrad_compat = false;      ///< the formula of RTRad's alg. 8, to show the difference
   Series series = Series::kAveraged;
   std::uint32_t initial_samples = 16;  ///< samples of direct light before the first bounce
-  bool same_directions = false;        ///< all texels take the same random numbers (radiosity_map)
+  bool same_directions = false;        ///< all texels take the same random numbers
   LightSampling light_sampling = LightSampling::kUniform;
   bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
   Emitters emitters = Emitters::kExplicit;

@@ -51,14 +51,15 @@ math::Vec3 AreaLightSampler::Spherical::sample(math::Vec2 u) const {
 }
 
 AreaLightSampler::AreaLightSampler(const scene::Scene& scene, const AreaLight& light,
-                                   math::Vec3 from)
+                                   math::Vec3 from, Spread spread)
     : scene_(scene), light_(light), from_(from) {
   const float height = light.height_over(from);
   if (!light.shows_to(height)) return;
   height_ = height;
   // The offset goes to the receiver's side. It is at most a quarter of the receiver's height.
   move_off_ = std::copysign(std::min(light.clearance(from), std::abs(height) / 4), height);
-  if (LightSet::is_near(light, from, kNearRatio)) near_.emplace(light, from);
+  if (spread == Spread::kSolidAngle && LightSet::is_near(light, from, kNearRatio))
+    near_.emplace(light, from);
 }
 
 LightSample AreaLightSampler::sample(math::Vec2 u) const {
