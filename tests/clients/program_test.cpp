@@ -128,6 +128,73 @@ TEST_F(Program, BakesAndCompares) {
   EXPECT_GT(nlohmann::json::parse(other.out)["nrmse"].get<double>(), 1e-9);
 }
 
+TEST_F(Program, ComparesFoldersAndLayersAndWritesPictures) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  for (const char* seed : {"1", "2", "3"}) {
+    const auto baked = run("bake s.glb -q -o " + std::string(seed) +
+                           " --set atlas.page_size=64 --set solver.samples=4 --set "
+                           "solver.direct_samples=4 --set solver.bounces=1 --set "
+                           "'output.layers=[\"irradiance\",\"direct\"]' --set solver.seed=" +
+                           seed);
+    ASSERT_EQ(baked.code, 0) << baked.err;
+  }
+  const auto figures = [&](const std::string& arguments) {
+    const auto result = run("compare --json " + arguments);
+    EXPECT_EQ(result.code, 0) << result.err;
+    return nlohmann::json::parse(result.out, nullptr, false);
+  };
+  const auto all = figures("1 2 --diff e.png --diff-scale 4 --contours c.png --histogram h.csv");
+  EXPECT_EQ(all["pages"][0]["page"], "page_00");
+  EXPECT_EQ(all["pages"][0]["nrmse"], all["nrmse"]);
+  EXPECT_EQ(all["pixels"], 64 * 64);
+  EXPECT_DOUBLE_EQ(all["diff_full"].get<double>(), all["scale"].get<double>() / 4);
+  for (const char* name : {"e.png", "c.png"})
+    EXPECT_EQ(test::read_bytes(dir.path() / name).substr(1, 3), "PNG") << name;
+  const std::string rows = test::read_bytes(dir.path() / "h.csv");
+  EXPECT_EQ(std::count(rows.begin(), rows.end(), '\n'), 65);
+
+  const auto direct = figures("1/page_00.exr 2/page_00.exr --layer direct");
+  EXPECT_LT(direct["mean_reference"], all["mean_reference"]);
+  EXPECT_EQ(figures("1 2 --layer irradiance"), figures("1 2"));
+  EXPECT_NEAR(figures("1 1 --factor pi")["bias"].get<double>(), 2.14159265, 1e-6);
+  EXPECT_EQ(figures("1 2 --scale 1e6")["dfpr"], all["dfpr"]);
+  EXPECT_LT(figures("1 2 --scale 1e6")["dfpr_all"], all["dfpr_all"]);
+  const auto unbiased = figures("1 2 --second-reference 3")["unbiased"];
+  // Three bakes of one kind: each has the noise that two of them tell of a third.
+  EXPECT_NEAR(unbiased["nrmse"].get<double>() / unbiased["noise"].get<double>(), 1, 0.3);
+  EXPECT_NE(run("compare 1 2 --second-reference 3").out.find("unbiased"), std::string::npos);
+}
+
+TEST_F(Program, ComparisonsThatCantBeSayWhy) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  for (const char* size : {"32", "64"})
+    ASSERT_EQ(run("bake s.glb -q -o " + std::string(size) +
+                  " --set solver.samples=1 --set solver.direct_samples=1 --set solver.bounces=0 "
+                  "--set atlas.page_size=" +
+                  size)
+                  .code,
+              0);
+  std::filesystem::create_directories(dir.path() / "empty");
+  dir.write("text.exr", "no picture");
+  struct Case {
+    const char *arguments, *says;
+    int code;
+  };
+  for (const Case c :
+       {Case{"32/page_00.exr 64/page_00.exr", "32x32 and 64/page_00.exr is 64x64", 2},
+        Case{"32 32/page_00.exr", "32 is a folder, and 32/page_00.exr is a file", 2},
+        Case{"32 empty", "empty has no page_00.exr", 2},
+        Case{"empty 32", "empty has no page_NN", 2},
+        Case{"32/page_00.exr text.exr", "text.exr can't be compared", 2},
+        Case{"32 32 --layer raw", "no layer 'raw'; its layers are irradiance", 2},
+        Case{"32 32 --scale 0", "--scale", 2}, Case{"32 32 --factor tau", "--factor", 2},
+        Case{"32 32 --diff none/e.png", "[io_error]", 1}}) {
+    const auto result = run(std::string("compare ") + c.arguments);
+    EXPECT_EQ(result.code, c.code) << c.arguments;
+    EXPECT_NE(result.err.find(c.says), std::string::npos) << c.arguments << "\n" << result.err;
+  }
+}
+
 TEST_F(Program, ADarkSceneSaysWhatToDo) {
   ASSERT_EQ(run("scene tilted_plane -o p.glb").code, 0);
   const auto result = run("bake p.glb -o out");
