@@ -13,6 +13,7 @@
 #include "proto/json.h"
 #include "server/cli/commands.h"
 #include "server/cli/compare_pages.h"
+#include "server/cli/compare_passes.h"
 #include "server/cli/report.h"
 
 namespace kiln::cli {
@@ -25,16 +26,10 @@ using proto::Unexpected;
 
 struct CompareFlags {
   std::string reference, candidate, second;
-  std::string layer, diff, contours, histogram;
+  std::string layer, diff, contours, histogram, passes, sheet;
   double factor = 1, diff_scale = 1;
   std::optional<double> scale, fail_above;
   bool json = false;
-};
-
-/// The figures of each page, and of all together.
-struct Figures {
-  std::vector<CompareResult> pages;
-  CompareResult all;
 };
 
 /// Returns the path of a page's picture: "error.png" with "_00" before its end where there are
@@ -52,66 +47,22 @@ Expected<void> write_picture(const fs::path& path, const output::Picture& pictur
   return proto::write_bytes(path, *png);
 }
 
-/// Compares the pages of two folders, or two files. One page is in memory at a time.
-class CompareRun {
- public:
-  CompareRun(const CompareFlags& flags, std::vector<ComparedFiles> pages)
-      : flags_(flags), pages_(std::move(pages)) {}
-
-  Expected<Figures> run() {
-    output::Comparison all(flags_.scale);
-    for (std::size_t p = 0; p < pages_.size(); ++p) {
-      if (auto ok = read(p); !ok) return Unexpected(ok.error());
-      all.look_at(images_.pair());
-    }
-    Figures out;
-    for (std::size_t p = 0; p < pages_.size(); ++p) {
-      if (auto ok = read(p); !ok) return Unexpected(ok.error());
-      const auto pair = images_.pair();
-      all.add(pair);
-      out.pages.push_back(
-          output::compare(pair.reference, pair.candidate, all.scale(), pair.second));
-      if (auto ok = write_pictures(p, all.scale()); !ok) return Unexpected(ok.error());
-    }
-    out.all = all.result();
-    if (out.all.texels == 0)
-      return proto::fail("invalid_image", "No texel is lit in both " + flags_.reference + " and " +
-                                              flags_.candidate +
-                                              ". Compare lightmaps of one scene, which were baked "
-                                              "with the same atlas settings.");
-    return out;
-  }
-
- private:
-  Expected<void> read(std::size_t page) {
-    if (page == page_) return {};
-    page_.reset();
-    images_ = {};
-    auto images = read_pages(pages_[page], flags_.layer, flags_.factor);
-    if (!images) return Unexpected(images.error());
-    images_ = std::move(*images);
-    page_ = page;
-    return {};
-  }
-
-  Expected<void> write_pictures(std::size_t page, double scale) const {
-    const auto path = [&](const std::string& name) {
-      return picture_path(name, pages_[page], pages_.size());
-    };
-    if (!flags_.diff.empty())
-      if (auto ok = write_picture(path(flags_.diff),
-                                  output::error_map(images_.pair(), scale / flags_.diff_scale));
-          !ok)
-        return ok;
-    if (flags_.contours.empty()) return {};
-    return write_picture(path(flags_.contours), output::contours(images_.pair(), scale));
-  }
-
-  const CompareFlags& flags_;
-  std::vector<ComparedFiles> pages_;
-  std::optional<std::size_t> page_;  ///< the one that images_ holds
-  ComparedImages images_;
-};
+Expected<Figures> measure(const CompareFlags& flags, const std::vector<ComparedFiles>& pages) {
+  return measure_pages(
+      pages, {flags.layer, flags.factor, flags.scale},
+      [&](std::size_t p, const output::PagePair& pair, double scale) -> Expected<void> {
+        const auto path = [&](const std::string& name) {
+          return picture_path(name, pages[p], pages.size());
+        };
+        if (!flags.diff.empty())
+          if (auto ok = write_picture(path(flags.diff),
+                                      output::error_map(pair, scale / flags.diff_scale));
+              !ok)
+            return ok;
+        if (flags.contours.empty()) return {};
+        return write_picture(path(flags.contours), output::contours(pair, scale));
+      });
+}
 
 void print_line(const char* name, double value, const std::string& meaning = "") {
   std::printf("%-17s %-12.6g %s\n", name, value, meaning.c_str());
@@ -180,10 +131,35 @@ void print(const CompareFlags& flags, const std::vector<ComparedFiles>& pages,
              "(luminance of |B - A|, ramp \"ember\")");
 }
 
+/// Compares each pass of a folder of passes with A, and prints the last.
+Expected<bool> compare_passes(const CompareFlags& flags) {
+  const auto passes = measure_passes({flags.reference, flags.candidate, flags.second},
+                                     {flags.layer, flags.factor, flags.scale});
+  if (!passes) return Unexpected(passes.error());
+  const std::string csv = convergence_csv(*passes);
+  if (!flags.passes.empty())
+    if (auto ok = proto::write_bytes(flags.passes, csv); !ok) return Unexpected(ok.error());
+  if (!flags.sheet.empty()) {
+    const auto sheet =
+        contact_sheet(*passes, {flags.layer, flags.factor, flags.scale}, flags.diff_scale);
+    if (!sheet) return Unexpected(sheet.error());
+    if (auto ok = write_picture(flags.sheet, *sheet); !ok) return Unexpected(ok.error());
+  }
+  if (flags.passes.empty()) std::fputs(csv.c_str(), stdout);
+  const double nrmse = passes->back().figures.nrmse;
+  return !flags.fail_above || nrmse <= *flags.fail_above;
+}
+
 Expected<bool> compare_and_print(const CompareFlags& flags) {
+  if (holds_passes(flags.candidate)) return compare_passes(flags);
+  if (!flags.passes.empty() || !flags.sheet.empty())
+    return proto::fail("usage", flags.candidate +
+                                    " has no pass_000. --passes and --contact-sheet "
+                                    "need a folder that `lightkiln bake "
+                                    "--keep-passes` has written.");
   const auto pages = find_pages(flags.reference, flags.candidate, flags.second);
   if (!pages) return Unexpected(pages.error());
-  const auto figures = CompareRun(flags, *pages).run();
+  const auto figures = measure(flags, *pages);
   if (!figures) return Unexpected(figures.error());
   if (!flags.histogram.empty())
     if (auto ok = proto::write_bytes(flags.histogram, histogram_csv(figures->all)); !ok)
@@ -221,13 +197,18 @@ violet, red, orange, yellow, white); gray is not compared. --contours draws wher
 passes 40, 70, 90, 120 and 140 of 255: orange for A, blue for B, white for both.
 Of several pages, the pictures' names get _NN.
 
+A folder B that `lightkiln bake --keep-passes` has written is compared pass by pass: a row of figures
+for each, as CSV. --contact-sheet shows the first page after each pass, and under it the error, in
+the order of the rows.
+
 Exit codes: 0 compared, 1 nRMSE above --fail-above or a failure of the machine, 2 wrong input.
 
 Examples:
   lightkiln compare reference/page_00.exr out/page_00.exr
   lightkiln compare reference/ out/ --diff error.png --diff-scale 50
   lightkiln compare a.exr b.exr --second-reference c.exr --json --fail-above 0.01
-  lightkiln compare a/page_00.exr cycles.exr --factor pi)";
+  lightkiln compare a/page_00.exr cycles.exr --factor pi
+  lightkiln compare reference/ passes/ --contact-sheet sheet.png)";
 
 /// Accepts numbers over 0, and pi where `with_pi` says so, which becomes a number.
 CLI::Validator positive(bool with_pi = false) {
@@ -278,6 +259,10 @@ void add_flags(CLI::App& command, CompareFlags& flags) {
   command.add_option("--contours", flags.contours, "Write a picture of equal luminance")
       ->type_name("PNG");
   command.add_option("--histogram", flags.histogram, "Write the histograms")->type_name("CSV");
+  command.add_option("--passes", flags.passes, "Write the figures of each pass, not print them")
+      ->type_name("CSV");
+  command.add_option("--contact-sheet", flags.sheet, "Write a picture of all passes")
+      ->type_name("PNG");
   command.add_flag("--json", flags.json, "Print the figures as JSON");
   command.add_option("--fail-above", flags.fail_above, "Exit with 1 when nRMSE is above this")
       ->check(CLI::NonNegativeNumber)

@@ -70,7 +70,59 @@ Expected<image::PageImage> read_like(const image::PageImage& reference,
                                           ". Bake both with the same atlas settings.");
 }
 
+/// The images of one page at a time.
+class PageImages {
+ public:
+  PageImages(const std::vector<ComparedFiles>& pages, const MeasureOptions& options)
+      : pages_(pages), options_(options) {}
+
+  Expected<output::PagePair> read(std::size_t page) {
+    if (page != page_) {
+      page_.reset();
+      images_ = {};
+      auto images = read_pages(pages_[page], options_.layer, options_.factor);
+      if (!images) return Unexpected(images.error());
+      images_ = std::move(*images);
+      page_ = page;
+    }
+    return images_.pair();
+  }
+
+ private:
+  const std::vector<ComparedFiles>& pages_;
+  const MeasureOptions& options_;
+  std::optional<std::size_t> page_;  ///< the one that images_ holds
+  ComparedImages images_;
+};
+
 }  // namespace
+
+Expected<Figures> measure_pages(const std::vector<ComparedFiles>& pages,
+                                const MeasureOptions& options, const UsePage& use) {
+  PageImages images(pages, options);
+  output::Comparison all(options.scale);
+  for (std::size_t p = 0; p < pages.size(); ++p) {
+    const auto pair = images.read(p);
+    if (!pair) return Unexpected(pair.error());
+    all.look_at(*pair);
+  }
+  Figures out;
+  for (std::size_t p = 0; p < pages.size(); ++p) {
+    const auto pair = images.read(p);
+    if (!pair) return Unexpected(pair.error());
+    all.add(*pair);
+    out.pages.push_back(
+        output::compare(pair->reference, pair->candidate, all.scale(), pair->second));
+    if (!use) continue;
+    if (auto ok = use(p, *pair, all.scale()); !ok) return Unexpected(ok.error());
+  }
+  out.all = all.result();
+  if (out.all.texels > 0) return out;
+  return proto::fail("invalid_image", "No texel is lit in both " + pages[0].reference.string() +
+                                          " and " + pages[0].candidate.string() +
+                                          ". Compare lightmaps of one scene, which were baked "
+                                          "with the same atlas settings.");
+}
 
 Expected<std::vector<ComparedFiles>> find_pages(const fs::path& reference,
                                                 const fs::path& candidate, const fs::path& second) {

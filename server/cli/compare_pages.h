@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -35,5 +36,25 @@ struct ComparedImages {
 /// Errors: `invalid_image`, which names the file.
 proto::Expected<ComparedImages> read_pages(const ComparedFiles&, const std::string& layer,
                                            double factor);
+
+struct MeasureOptions {
+  std::string layer;            ///< see read_pages()
+  double factor = 1;            ///< the same
+  std::optional<double> scale;  ///< see output::Comparison
+};
+
+/// The figures of each page, and of all together.
+struct Figures {
+  std::vector<output::CompareResult> pages;
+  output::CompareResult all;
+};
+
+/// Compares pages, one in memory at a time. `use`, which may be null, is called for each with the
+/// scale of all. Errors: those of read_pages() and of `use`; `invalid_image` where no texel is lit
+/// in both.
+using UsePage =
+    std::function<proto::Expected<void>(std::size_t page, const output::PagePair&, double scale)>;
+proto::Expected<Figures> measure_pages(const std::vector<ComparedFiles>&, const MeasureOptions&,
+                                       const UsePage& use = {});
 
 }  // namespace kiln::cli

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "tests/support/sanitizer.h"
 #include "tests/support/temp_files.h"
@@ -163,6 +164,39 @@ TEST_F(Program, ComparesFoldersAndLayersAndWritesPictures) {
   // Three bakes of one kind: each has the noise that two of them tell of a third.
   EXPECT_NEAR(unbiased["nrmse"].get<double>() / unbiased["noise"].get<double>(), 1, 0.3);
   EXPECT_NE(run("compare 1 2 --second-reference 3").out.find("unbiased"), std::string::npos);
+}
+
+TEST_F(Program, KeepsPassesAndShowsHowTheyConverge) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  const std::string bake =
+      "bake s.glb -q --set atlas.page_size=64 --set solver.samples=16 --set "
+      "solver.direct_samples=16 --set solver.bounces=3 --set post.filter=false --keep-passes p -o "
+      "a";
+  const auto baked = run(bake);
+  ASSERT_EQ(baked.code, 0) << baked.err;
+  const auto result = run("compare a p --contact-sheet sheet.png");
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(test::read_bytes(dir.path() / "sheet.png").substr(1, 3), "PNG");
+  std::vector<double> errors;
+  std::istringstream rows(result.out);
+  std::string row;
+  std::getline(rows, row);
+  EXPECT_EQ(row.substr(0, 34), "pass,name,seconds,rays,nrmse,rel_r");
+  while (std::getline(rows, row)) {
+    std::istringstream cells(row);
+    std::string cell;
+    for (int i = 0; i < 5; ++i) std::getline(cells, cell, ',');
+    errors.push_back(std::stod(cell));
+  }
+  // Direct light lacks all that bounces; the last pass is the result, but for the file's half
+  // floats.
+  ASSERT_GE(errors.size(), 4u);
+  EXPECT_GT(errors.front(), 0.1);
+  EXPECT_LT(errors.back(), 1e-3);
+  EXPECT_EQ(run("compare a p --passes c.csv --fail-above 1e-3").out, "");
+  EXPECT_EQ(test::read_bytes(dir.path() / "c.csv"), result.out);
+  EXPECT_EQ(run(bake).code, 2) << "the passes of another bake lie there";
+  EXPECT_EQ(run("compare a a --passes c.csv").code, 2);
 }
 
 TEST_F(Program, ComparisonsThatCantBeSayWhy) {
