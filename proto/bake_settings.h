@@ -182,7 +182,6 @@ struct SolverSettings {
   LightSampling light_sampling = LightSampling::kUniform;
   bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
   Emitters emitters = Emitters::kExplicit;
-  bool sew_seams = false;        ///< fill texels beside charts from them after every pass
   bool allow_expensive = false;  ///< bake what is refused as `too_expensive`
 
   bool uses(Technique t) const {

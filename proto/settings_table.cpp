@@ -373,11 +373,6 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
                           "emitting texels send light as any texel does, as in RTRad, and it "
                           "counts as indirect light (pairwise; other methods refuse it)."}),
-      row<[](auto& s) -> auto& { return s.solver.sew_seams; }>(
-          {.path = "solver.sew_seams", .kind = kBoolean,
-           .description = "After every pass, let an empty texel beside a chart take its light, so that "
-                          "windows and mipmaps that lie over a chart's border read no dark (pairwise, "
-                          "directional)."}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
