@@ -213,6 +213,17 @@ double systematic_nrmse(const Pair& of, const Pair& path) {
   return std::sqrt(std::max(0.0, square / n)) / (mean / n);
 }
 
+/// The area-weighted mean luminance of both, lx.
+double mean_light(const QuadScene& scene, const Pair& of) {
+  double sum = 0, area = 0;
+  for (std::uint32_t t = 0; t < scene.texels().size(); ++t) {
+    const double a = double(scene.texels().area_m2[t]);
+    const math::Rgb e = of.first.light->irradiance(t) + of.second.light->irradiance(t);
+    sum += a * double(luminance(e)) / 2, area += a;
+  }
+  return sum / area;
+}
+
 TEST(RadiosityMapAgreement, MeetsPathOnTheCornellBox) {
   const auto box = cornell(128);
   const Pair path = paths(*box, 32);
@@ -220,11 +231,19 @@ TEST(RadiosityMapAgreement, MeetsPathOnTheCornellBox) {
   const double error = systematic_nrmse(unbiased, path);
   RecordProperty("nrmse_percent", std::to_string(100 * error));
   EXPECT_LE(error, 0.01);
-  const Pair averaged(*box, settings_for(proto::Series::kAveraged, 128), 5);
-  const double lacking = systematic_nrmse(averaged, path);
-  RecordProperty("nrmse_percent_averaged", std::to_string(100 * lacking));
-  EXPECT_GT(lacking, error) << "what the series lacks";
-  EXPECT_LE(lacking, 0.05);
+  // The averaged series lacks about what its warning says: the box is closed, and the share is that
+  // of a room with the mean albedo everywhere, so a quarter more or less is what it can promise.
+  const proto::SolverSettings averaged = settings_for(proto::Series::kAveraged, 128);
+  const double lacking = 1 - mean_light(*box, Pair(*box, averaged, 5)) / mean_light(*box, path);
+  double albedo = 0, area = 0;
+  for (std::uint32_t t = 0; t < box->texels().size(); ++t) {
+    const double a = double(box->texels().area_m2[t]);
+    albedo += a * double(luminance(box->texels().albedo[t])), area += a;
+  }
+  const double told = missing_share(steps_of(averaged), albedo / area);
+  RecordProperty("lacking_percent",
+                 std::to_string(100 * lacking) + " of " + std::to_string(100 * told));
+  EXPECT_NEAR(lacking, told, 0.25 * told);
 }
 
 TEST(RadiosityMapAgreement, MeetsPathUnderSkyAndSun) {
