@@ -26,7 +26,7 @@ class SkyPass final : public Pass {
     for (std::uint32_t t = range.begin; t < range.end; ++t) {
       const sampling::Estimate sky = light_of(t, count, rays);
       after.sky[t] = sky.mean * (1 / float(count));
-      after.sky_spread[t] = sky.spread / float(count);
+      after.sky_difference[t] = sky.half_difference / float(count);
       after.samples[t] = count;
     }
     return rays;
@@ -75,7 +75,7 @@ class SkyPass final : public Pass {
 }  // namespace
 
 std::unique_ptr<Pass> make_sky_pass(const World& world, PassPlan plan) {
-  plan.writes = lightmap::plane_set({PlaneId::kSky, PlaneId::kSkySpread, PlaneId::kSamples});
+  plan.writes = lightmap::plane_set({PlaneId::kSky, PlaneId::kSkyDifference, PlaneId::kSamples});
   plan.work = sky_work(world);
   return std::make_unique<SkyPass>(world, std::move(plan));
 }
