@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string>
 
+#include "baker/solver/directional/directional.h"
 #include "baker/solver/gather/gather.h"
 #include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
@@ -67,6 +68,13 @@ MethodMemory matrix_memory(const proto::SolverSettings& settings, const solver::
   return memory;
 }
 
+MethodMemory directional_memory(const proto::SolverSettings&, const solver::SamplePlan&, double) {
+  MethodMemory memory;
+  memory.texel_pass = kBouncedPlanes + solver::directional::directional_memory_per_texel();
+  memory.texel_complete = kSampledPlanes + solver::directional::directional_memory_per_texel();
+  return memory;
+}
+
 std::string rounded(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.2g", value);
@@ -123,6 +131,8 @@ constexpr std::array kMethods{
            /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
     Method{proto::Method::kMatrix, solver::pairwise::make_matrix_solver, solver::fixed_plan,
            /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
+    Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
+           solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {

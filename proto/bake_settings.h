@@ -64,7 +64,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath, kPairwise, kMatrix };
+enum class Method { kGather, kPath, kPairwise, kMatrix, kDirectional };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -80,6 +80,7 @@ inline constexpr std::array kMethodNames{
     Word{"path", "unbiased path tracing, the slow reference."},
     Word{"pairwise", "progressive radiosity over all pairs of texels, for small pages."},
     Word{"matrix", "the system of pairwise solved exactly, for a few thousand texels."},
+    Word{"directional", "a fixed set of directions for every texel, traced in every bounce."},
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
@@ -134,10 +135,12 @@ enum class LightSampling { kUniform, kStratified, kSolidAngle };
 enum class Emitters { kExplicit, kTransport };
 
 struct SolverSettings {
+  static constexpr std::uint32_t kMostDirections = 4096;  ///< of one texel (directional)
+
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
-  /// Indirect directions (gather), paths (path) or directions to the sky (pairwise, matrix) per
-  /// texel; null: as many as the quality asks for (gather), 256.
+  /// Indirect directions (gather, directional), paths (path) or directions to the sky (pairwise,
+  /// matrix) per texel; null: as many as the quality asks for (gather), 256.
   std::optional<std::uint32_t> samples;
   /// Shadow rays per texel towards area lights (all but path); null: as many as the quality asks
   /// for.
@@ -163,7 +166,7 @@ struct SolverSettings {
   std::optional<float> max_contribution, max_view_factor;
   /// Senders are the leaves of a quadtree whose gradient stays below this; null: no quadtree.
   std::optional<float> subdivision_threshold;
-  float subdivision_ramp = 0;             ///< added to the threshold after every pass
+  float subdivision_ramp = 0;              ///< added to the threshold after every pass
   std::uint32_t subdivision_max_node = 8;  ///< longest side of a leaf, texels
   VisibilityKind visibility = VisibilityKind::kRay;
   std::uint32_t visibility_cache_mib = 256;  ///< memory for remembered visibility (cached)
@@ -172,6 +175,7 @@ struct SolverSettings {
   float voxel_ratio = 1;  ///< share of segments that march through voxels, not rays (voxel)
   DirectionSetKind direction_set = DirectionSetKind::kLargestEmptyCircle;
   bool rotate_directions = true;  ///< each texel turns the set about its normal (directional)
+  bool mip_radiosity = true;      ///< directions read the mean of what they spread to (directional)
   bool rtrad_compat = false;      ///< the formula of RTRad's alg. 8, to show the difference
   Series series = Series::kAveraged;
   std::uint32_t initial_samples = 16;  ///< samples of direct light before the first bounce

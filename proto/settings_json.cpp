@@ -129,6 +129,21 @@ void read_lights(const json& list, BakeSettings& out, ProblemList& problems) {
     out.lights.push_back(read_light("/lights/" + std::to_string(i), list[i], problems));
 }
 
+// Settings that don't go together
+// -------------------------------------------------------------------------------------------
+
+void check_directional(const SolverSettings& s, ProblemList& problems) {
+  if (s.method != Method::kDirectional) return;
+  if (s.samples.value_or(0) > SolverSettings::kMostDirections)
+    problems.add("/solver/samples",
+                 "expected at most " + std::to_string(SolverSettings::kMostDirections) +
+                     " with method \"directional\", found " + std::to_string(*s.samples));
+  if (s.rtrad_compat && s.direction_set == DirectionSetKind::kHemicube)
+    problems.add("/solver/rtrad_compat",
+                 "direction_set \"hemicube\" has weights of its own; RTRad's formula goes with "
+                 "\"largest_empty_circle\"");
+}
+
 json light_json(const LightSettings& light) {
   json doc = json::object();
   for (const auto& row : light_rows())
@@ -206,6 +221,7 @@ Expected<BakeSettings> settings_from_json(const json& doc) {
     problems.add("/atlas/gutter", "expected less than half of page_size (" +
                                       std::to_string(out.atlas.page_size) + "), found " +
                                       std::to_string(out.atlas.gutter));
+  check_directional(out.solver, problems);
   if (!problems.empty()) return Unexpected(std::move(problems).error("invalid_settings"));
   return out;
 }

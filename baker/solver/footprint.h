@@ -37,7 +37,8 @@ enum class SampleStream : std::uint32_t {
   kGather = 2,
   kPath = 3,
   kGatherTile = 4,
-  kSky = 5
+  kSky = 5,
+  kDirectional = 7
 };
 std::uint32_t texel_seed(const World&, std::uint32_t texel, SampleStream);
 /// A seed is hashed with this for the directions that are drawn from the bright parts of the sky.

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "baker/solver/bounces.h"
 #include "baker/solver/direct/direct_pass.h"
 #include "baker/solver/direct/sky_pass.h"
 #include "baker/solver/pairwise/parts.h"
@@ -92,15 +93,8 @@ class PairwiseSolver final : public Solver {
  private:
   std::uint32_t first_bounce() const { return world_.scene.has_sky() ? 2 : 1; }
 
-  /// Returns whether the bounce that follows is the last one: the limit is reached, or the one
-  /// after it would change the light by less than the tolerance, as the ratio of the last two says.
   bool is_last(std::span<const proto::PassReport> done) const {
-    const std::size_t bounces = done.size() - first_bounce();
-    if (bounces + 1 >= world_.settings.bounces) return true;
-    if (bounces < 2) return false;
-    const double last = done.back().residual, before = done[done.size() - 2].residual;
-    const double ratio = before > 0 ? last / before : 0;
-    return ratio < 1 && last * ratio * ratio <= double(world_.settings.tolerance);
+    return is_last_bounce(world_.settings, done.subspan(first_bounce()));
   }
 
   const World world_;
