@@ -180,6 +180,8 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();
   warn_of_texels(manifest.statistics, double(bake.world->plan.target_error), manifest.warnings);
+  for (proto::Warning& remark : solver->remarks(solution->passes, *solution->light))
+    manifest.warnings.push_back(std::move(remark));
 
   // 3. Write the files.
   reporter.enter("output", kSolvedAt);

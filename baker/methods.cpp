@@ -10,6 +10,8 @@
 #include "baker/solver/gather/gather.h"
 #include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
+#include "baker/solver/radiosity_map/radiosity_map.h"
+#include "baker/solver/radiosity_map/series.h"
 
 namespace kiln::baker {
 namespace {
@@ -53,7 +55,9 @@ MethodMemory path_memory(const proto::SolverSettings&, const solver::SamplePlan&
 MethodMemory pairwise_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
                              double texels) {
   MethodMemory memory;
-  memory.all_passes = texels * solver::pairwise::pairwise_memory_per_texel(settings.pair_samples);
+  using namespace solver::pairwise;
+  memory.all_passes =
+      texels * pairwise_memory_per_texel(settings) + pairwise_extra_memory(settings, texels);
   memory.texel_pass = kBouncedPlanes;
   memory.texel_complete = kSampledPlanes;
   return memory;
@@ -64,7 +68,17 @@ MethodMemory matrix_memory(const proto::SolverSettings& settings, const solver::
                            double texels) {
   MethodMemory memory = pairwise_memory(settings, plan, texels);
   const double most = settings.allow_expensive ? texels : std::min(texels, kMostMatrixTexels);
-  memory.all_passes = solver::pairwise::matrix_memory(most, settings.pair_samples);
+  memory.all_passes = solver::pairwise::matrix_memory(most, settings);
+  return memory;
+}
+
+MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
+                                  const solver::SamplePlan& plan, double texels) {
+  MethodMemory memory;
+  memory.all_passes =
+      texels * kHitBytes * solver::radiosity_map::kept_directions(settings, plan, texels);
+  if (settings.series == proto::Series::kUnbiased) memory.texel_state = sizeof(math::Rgb);
+  memory.texel_pass = memory.texel_complete = kSampledPlanes + kBouncedPlanes + kRadiosity;
   return memory;
 }
 
@@ -92,26 +106,32 @@ proto::Unexpected too_expensive(const std::string& cost, const std::string& advi
 
 proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, double texels) {
   using namespace solver::pairwise;
-  const double bounces = std::min(settings.bounces, kTypicalBounces);
-  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples);
+  const bool transports = settings.emitters == proto::Emitters::kTransport;
+  const double bounces = std::min(settings.bounces + transports, kTypicalBounces);
+  const bool has_windows = settings.undersampling != proto::Undersampling::kNone;
+  const std::uint32_t window = has_windows ? settings.window.value_or(1) : 1;
+  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples, window);
   const double rays = bounces * pass;
   if (rays <= kMostPairRays || settings.allow_expensive) return {};
-  // Texels go with the square of the page's side, and rays with the square of texels.
+  // Texels go with the square of the page's side, and rays with the square of texels, or with the
+  // texels over the square of the window's side.
   const double finer = std::sqrt(std::sqrt(kMostPairRays / rays));
+  const double wider = std::ceil(window * std::sqrt(rays / kMostPairRays));
   return too_expensive(
       "pairwise would trace about " + rounded(rays) + " rays between " +
           std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
           " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
           " hours at 10 million rays a second, and " +
-          gib(texels * pairwise_memory_per_texel(settings.pair_samples)) + " of memory.",
-      "or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
+          gib(texels * pairwise_memory_per_texel(settings)) + " of memory.",
+      "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
+          ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
 }
 
 proto::Expected<void> check_matrix(const proto::SolverSettings& settings, double texels) {
   if (texels <= kMostMatrixTexels || settings.allow_expensive) return {};
   return too_expensive("matrix would keep the view factors of all pairs of " +
                            std::to_string(std::uint64_t(texels)) + " texels, which take " +
-                           gib(solver::pairwise::matrix_memory(texels, settings.pair_samples)) +
+                           gib(solver::pairwise::matrix_memory(texels, settings)) +
                            " of memory, and takes up to " + std::to_string(int(kMostMatrixTexels)) +
                            " texels.",
                        "or a smaller atlas.page_size");
@@ -131,6 +151,8 @@ constexpr std::array kMethods{
            /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
     Method{proto::Method::kMatrix, solver::pairwise::make_matrix_solver, solver::fixed_plan,
            /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
+    Method{proto::Method::kRadiosityMap, solver::radiosity_map::make_radiosity_map_solver,
+           solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
     Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
            solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
 };

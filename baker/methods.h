@@ -38,8 +38,9 @@ struct Method {
 std::span<const Method> methods();
 const Method& method_of(proto::Method);
 
-/// Refuses a bake that the method of the settings can't finish, before anything is made for it.
-/// Errors: `too_expensive`, which names rays, memory, time, and what to do instead.
+/// Refuses a bake that the method of the settings can't finish, before anything is made for it. A
+/// window that is null counts as a single texel. Errors: `too_expensive`, which names rays, memory,
+/// time, and what to do instead.
 proto::Expected<void> check_cost(const proto::SolverSettings&, std::uint32_t texels);
 
 /// Make the solver, and the plan of samples, of the method that the settings name.

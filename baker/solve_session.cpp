@@ -3,6 +3,8 @@
 #include <span>
 #include <utility>
 
+#include "baker/solver/radiosity_map/ambient_term.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -80,8 +82,15 @@ void SolveSession::on_pass(const solver::PassPlan& plan, const proto::PassReport
   eta_.end_pass(plan);
   if (report.residual > 0) residual_ = report.residual;  // tracing alone changes no light
   passes_.push_back(report);
+  const proto::SolverSettings& settings = input_.settings.solver;
+  const bool guesses = settings.ambient_term && settings.method == proto::Method::kRadiosityMap &&
+                       settings.bounces > 0 && !plan.completes;
   observer_.on_snapshot(
-      {texels_, std::make_shared<lightmap::Lightmap>(light->shown()), report.index});
+      {texels_,
+       std::make_shared<lightmap::Lightmap>(
+           guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown())
+                   : light->shown()),
+       report.index});
   writer_.submit(plan, passes_, std::move(light));
 }
 

@@ -64,7 +64,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath, kPairwise, kMatrix, kDirectional };
+enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap, kDirectional };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -80,6 +80,8 @@ inline constexpr std::array kMethodNames{
     Word{"path", "unbiased path tracing, the slow reference."},
     Word{"pairwise", "progressive radiosity over all pairs of texels, for small pages."},
     Word{"matrix", "the system of pairwise solved exactly, for a few thousand texels."},
+    Word{"radiosity_map",
+         "a sample of every texel at a time, each reading the mean of those before."},
     Word{"directional", "a fixed set of directions for every texel, traced in every bounce."},
 };
 constexpr const char* to_string(Method m) {
@@ -139,13 +141,14 @@ struct SolverSettings {
 
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
-  /// Indirect directions (gather, directional), paths (path) or directions to the sky (pairwise,
-  /// matrix) per texel; null: as many as the quality asks for (gather), 256.
+  /// Indirect directions (gather, directional), paths (path), directions to the sky (pairwise,
+  /// matrix) or iterations (radiosity_map) per texel; null: as many as the quality asks for
+  /// (gather), 800 (radiosity_map), 256.
   std::optional<std::uint32_t> samples;
-  /// Shadow rays per texel towards area lights (all but path); null: as many as the quality asks
-  /// for.
+  /// Shadow rays per texel towards area lights (all but path); null: 200 (radiosity_map), as many
+  /// as the quality asks for.
   std::optional<std::uint32_t> direct_samples;
-  std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather)
+  std::uint32_t hit_memory_mib = 1024;  ///< memory for remembered hits (gather, radiosity_map)
   bool coarse_indirect = true;  ///< gather every second texel and interpolate between them (gather)
   RayPattern ray_pattern = RayPattern::kAuto;
   float tolerance = 0.001f;  ///< stop when a bounce changes E by less than this share
@@ -179,11 +182,10 @@ struct SolverSettings {
   bool rtrad_compat = false;      ///< the formula of RTRad's alg. 8, to show the difference
   Series series = Series::kAveraged;
   std::uint32_t initial_samples = 16;  ///< samples of direct light before the first bounce
-  bool same_directions = false;        ///< all texels take the same random numbers (radiosity_map)
+  bool same_directions = false;        ///< all texels take the same random numbers
   LightSampling light_sampling = LightSampling::kUniform;
   bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
   Emitters emitters = Emitters::kExplicit;
-  bool sew_seams = false;        ///< fill texels beside charts from them after every pass
   bool allow_expensive = false;  ///< bake what is refused as `too_expensive`
 
   bool uses(Technique t) const {

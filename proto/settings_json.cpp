@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
@@ -193,6 +194,40 @@ json lights_schema() {
           {"items", {{"oneOf", std::move(kinds)}}}};
 }
 
+/// Finds settings that are right each for itself, but not together.
+void check_together(const BakeSettings& s, ProblemList& problems) {
+  if (2 * s.atlas.gutter >= s.atlas.page_size)
+    problems.add("/atlas/gutter", "expected less than half of page_size (" +
+                                      std::to_string(s.atlas.page_size) + "), found " +
+                                      std::to_string(s.atlas.gutter));
+  const SolverSettings& solver = s.solver;
+  if (solver.emitters == Emitters::kTransport && solver.method != Method::kPairwise)
+    problems.add("/solver/emitters", std::string("expected \"explicit\" with method \"") +
+                                         to_string(solver.method) +
+                                         "\"; only pairwise takes \"transport\"");
+  const bool all_send =
+      solver.undersampling == Undersampling::kNone && !solver.subdivision_threshold;
+  if (solver.iteration == Iteration::kShooting && !all_send)
+    problems.add("/solver/iteration",
+                 "texels shoot their own light: expected \"jacobi\" or \"gauss_seidel\" with "
+                 "undersampling or subdivision_threshold");
+  if (solver.visibility == VisibilityKind::kCached &&
+      (solver.pair_samples > 1 || solver.undersampling == Undersampling::kMipmap ||
+       solver.subdivision_threshold))
+    problems.add("/solver/visibility",
+                 "a bit is remembered for the middles of two texels: expected \"ray\" or \"voxel\" "
+                 "with pair_samples above 1, undersampling \"mipmap\" or subdivision_threshold");
+  check_directional(solver, problems);
+  if (!solver.subdivision_threshold) return;
+  if (solver.undersampling != Undersampling::kNone)
+    problems.add("/solver/subdivision_threshold",
+                 "senders are the leaves of a quadtree or those of windows: expected null with "
+                 "undersampling, or undersampling \"none\"");
+  if (!std::has_single_bit(solver.subdivision_max_node))
+    problems.add("/solver/subdivision_max_node",
+                 "expected a power of two, found " + std::to_string(solver.subdivision_max_node));
+}
+
 }  // namespace
 
 Expected<BakeSettings> settings_from_json(const json& doc) {
@@ -217,11 +252,7 @@ Expected<BakeSettings> settings_from_json(const json& doc) {
     else if (!read_key(top_rows, "", key, value, out, problems))
       unknown_key("", key, known, problems);
   }
-  if (2 * out.atlas.gutter >= out.atlas.page_size)
-    problems.add("/atlas/gutter", "expected less than half of page_size (" +
-                                      std::to_string(out.atlas.page_size) + "), found " +
-                                      std::to_string(out.atlas.gutter));
-  check_directional(out.solver, problems);
+  check_together(out, problems);
   if (!problems.empty()) return Unexpected(std::move(problems).error("invalid_settings"));
   return out;
 }

@@ -183,21 +183,26 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.samples; }>(
           {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
            .nullable = true, .unit = "samples/texel",
-           .description = "Indirect directions (gather, directional), paths (path) or directions to "
-                          "the sky (pairwise, matrix) of every texel. null: as many as target_error "
-                          "asks for (gather), 256 (the others). directional takes at most 4096; a "
-                          "hemicube has about as many cells."}),
+           .description = "Indirect directions (gather, directional), paths (path), directions to "
+                          "the sky (pairwise, matrix) or iterations (radiosity_map; of each bounce "
+                          "in its unbiased series) of every texel. null: as many as "
+                          "target_error asks for (gather), 800 (radiosity_map), 256 (the "
+                          "others). directional takes at most 4096; a hemicube has about as many "
+                          "cells."}),
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .nullable = true, .unit = "samples/texel",
-           .description = "Shadow rays of every texel towards area lights, at most (all but path): where "
-                          "the first quarter agrees over 16 texels, no more follow. null: as many as "
-                          "target_error asks for (gather), or begins with (pairwise, matrix)."}),
+           .description = "Shadow rays of every texel towards area lights, at most (all but "
+                          "path): where the first quarter agrees over 16 texels, no more "
+                          "follow. radiosity_map sends them all. null: as many as "
+                          "target_error asks for (gather), 200 (radiosity_map), as many as "
+                          "target_error begins with (pairwise, matrix)."}),
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
            .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
                           "need no rays (gather). Where it can't hold the hits of all samples, fewer "
-                          "samples feed the bounces, and the rest are traced once at the end."}),
+                          "samples feed the bounces, and the rest are traced once at the end. "
+                          "radiosity_map remembers the first 64 at most."}),
       row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
           {.path = "solver.coarse_indirect", .kind = kBoolean,
            .description = "Gather indirect light at every second texel of a row and of a column, and "
@@ -256,7 +261,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "others take one sender for each window of window x window texels of a page, "
                           "with the area of all of them. stride: the first texel of the window. "
                           "monte_carlo: a random one, drawn by area, anew in every pass. mipmap: the "
-                          "mean of the window's texels of one chart."}),
+                          "mean of the window's texels, one for each chart in it."}),
       row<[](auto& s) -> auto& { return s.solver.sender_seed; }>(
           {.path = "solver.sender_seed", .kind = kChoice, .choices = {"window", "receiver"},
            .description = "What the random sender hangs on (monte_carlo). window: on the window and the "
@@ -342,37 +347,38 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "the difference (directional)."}),
       row<[](auto& s) -> auto& { return s.solver.series; }>(
           {.path = "solver.series", .kind = kChoice, .choices = {"averaged", "unbiased"},
-           .description = "How samples become bounces (radiosity_map). averaged: each reads the mean of "
-                          "all before it, so that high bounces are short of light, by a share that is "
-                          "told. unbiased: a bounce takes all its samples before the next one begins."}),
+           .description = "How samples become bounces (radiosity_map). averaged: each reads "
+                          "the mean of all before it, so that all bounces grow at once, but "
+                          "high ones are short of light; a warning tells by how much. "
+                          "solver.bounces sets no limit but 0. unbiased: a bounce takes all "
+                          "its samples before the next one begins, until tolerance or "
+                          "bounces."}),
       row<[](auto& s) -> auto& { return s.solver.initial_samples; }>(
           {.path = "solver.initial_samples", .kind = kInteger, .min = 1, .max = 4096,
            .unit = "samples/texel",
-           .description = "Samples of direct light before the first bounce, and so before the first "
-                          "picture (radiosity_map)."}),
+           .description = "Samples of direct light before the first bounce, and so before "
+                          "the first picture (radiosity_map)."}),
       row<[](auto& s) -> auto& { return s.solver.same_directions; }>(
           {.path = "solver.same_directions", .kind = kBoolean,
-           .description = "All texels take the same random numbers, so that the error is a pattern and "
-                          "no noise (radiosity_map)."}),
+           .description = "All texels take the same random numbers, so that the error is a "
+                          "pattern and no noise (gather, path, radiosity_map)."}),
       row<[](auto& s) -> auto& { return s.solver.light_sampling; }>(
           {.path = "solver.light_sampling", .kind = kChoice,
            .choices = {"uniform", "stratified", "solid_angle"},
-           .description = "Points on area lights (radiosity_map). uniform: random ones. stratified: a "
-                          "low-discrepancy sequence. solid_angle: random directions to near lights."}),
+           .description = "Points on area lights (radiosity_map). uniform: random ones of "
+                          "their area, with fireflies close to a lamp. stratified: the same "
+                          "from a low-discrepancy sequence. solid_angle: random directions "
+                          "to lights that are near against their size."}),
       row<[](auto& s) -> auto& { return s.solver.ambient_term; }>(
           {.path = "solver.ambient_term", .kind = kBoolean,
-           .description = "Previews of a bake that runs add the mean light that is still missing "
-                          "(radiosity_map). The result has none of it."}),
+           .description = "Previews of a bake that runs add the mean light that is still "
+                          "missing, as in a closed room (radiosity_map). The result has none "
+                          "of it."}),
       row<[](auto& s) -> auto& { return s.solver.emitters; }>(
           {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
-                          "emitting texels send light as any texel does, as in RTRad (all methods of "
-                          "the theses)."}),
-      row<[](auto& s) -> auto& { return s.solver.sew_seams; }>(
-          {.path = "solver.sew_seams", .kind = kBoolean,
-           .description = "After every pass, let an empty texel beside a chart take its light, so that "
-                          "windows and mipmaps that lie over a chart's border read no dark (pairwise, "
-                          "directional)."}),
+                          "emitting texels send light as any texel does, as in RTRad, and it "
+                          "counts as indirect light (pairwise; other methods refuse it)."}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "

@@ -30,22 +30,4 @@ float automatic_exposure(const image::PageImage&);
 /// to white.
 std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, float exposure);
 
-/// Error figures between two images of one size. They cover the three channels of all texels that
-/// are lit (coverage > 0) in both images; r = reference, d = candidate - r.
-struct CompareResult {
-  std::uint64_t texels = 0;     ///< lit in both
-  std::uint64_t uncovered = 0;  ///< lit in the reference only
-  std::uint64_t nonfinite = 0;  ///< candidate texels with a NaN or an infinity: such a channel is 0
-  double mean_reference = 0;    ///< mean r
-  double rmse = 0;              ///< sqrt(mean d^2)
-  double nrmse = 0;             ///< rmse / mean r; 0 where mean r is 0
-  double rel_rmse = 0;          ///< sqrt(mean (d / (r + 0.02 mean r))^2): weights dark texels
-  double bias = 0;              ///< mean d / mean r; 0 where mean r is 0
-  double max_abs = 0;           ///< max |d|
-  double dfpr = 0;              ///< mean Euclidean RGB distance per texel [RTRad eq. 6.1]
-};
-/// Compares two images. It sums in double precision, in row order. It throws when the sizes differ,
-/// which is a bug of the caller.
-CompareResult compare(const image::PageImage& reference, const image::PageImage& candidate);
-
 }  // namespace kiln::output

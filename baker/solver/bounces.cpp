@@ -1,14 +1,15 @@
 #include "baker/solver/bounces.h"
 
+#include <vector>
+
 namespace kiln::solver {
 
-bool is_last_bounce(const proto::SolverSettings& settings,
-                    std::span<const proto::PassReport> bounces) {
-  if (bounces.size() + 1 >= settings.bounces) return true;
-  if (bounces.size() < 2) return false;
-  const double last = bounces.back().residual, before = bounces[bounces.size() - 2].residual;
+bool is_last_bounce(std::span<const double> changes, std::uint32_t limit, double tolerance) {
+  if (changes.size() + 1 >= limit) return true;
+  if (changes.size() < 2) return false;
+  const double last = changes.back(), before = changes[changes.size() - 2];
   const double ratio = before > 0 ? last / before : 0;
-  return ratio < 1 && last * ratio * ratio <= double(settings.tolerance);
+  return ratio < 1 && last * ratio * ratio <= tolerance;
 }
 
 std::optional<BouncePasses::Next> BouncePasses::next(
@@ -17,10 +18,15 @@ std::optional<BouncePasses::Next> BouncePasses::next(
   if (count < first_bounce())
     return Next{count == 0 ? Kind::kDirect : Kind::kSky, count + 1 == most()};
   if (count >= most()) return std::nullopt;
-  const auto bounces = done.subspan(first_bounce());
-  if (!bounces.empty() && is_last_bounce(world_.settings, bounces.first(bounces.size() - 1)))
-    return std::nullopt;
-  return Next{Kind::kBounce, is_last_bounce(world_.settings, bounces)};
+  std::vector<double> changes;
+  for (const proto::PassReport& bounce : done.subspan(first_bounce()))
+    changes.push_back(bounce.residual);
+  const auto is_last = [&](std::size_t bounces) {
+    return is_last_bounce(std::span(changes).first(bounces), world_.settings.bounces,
+                          double(world_.settings.tolerance));
+  };
+  if (!changes.empty() && is_last(changes.size() - 1)) return std::nullopt;
+  return Next{Kind::kBounce, is_last(changes.size())};
 }
 
 const char* to_string(BouncePasses::Kind kind) {

@@ -10,11 +10,10 @@
 
 namespace kiln::solver {
 
-/// Returns whether the bounce that follows is the last one of a method that has one bounce a pass:
-/// the limit is reached, or the one after it would change the light by less than the tolerance, as
-/// the ratio of the last two says.
-/// @param bounces those that are done
-bool is_last_bounce(const proto::SolverSettings&, std::span<const proto::PassReport> bounces);
+/// Returns whether the bounce that follows is the last one: the limit is reached, or the one after
+/// it would change the light by less than the tolerance, as the ratio of the last two says.
+/// @param changes what each bounce so far has changed of the light, relative
+bool is_last_bounce(std::span<const double> changes, std::uint32_t limit, double tolerance);
 
 /// Decides the passes of a method that finds direct light first, then the sky's where there is one,
 /// and then all indirect light anew in each bounce, from the light of the pass before.

@@ -107,6 +107,40 @@ TEST(Bake, AMethodThatCantFinishIsRefusedBeforeItsFirstPass) {
   }
 }
 
+/// The mean light of the previews of a bake.
+struct Previews : BakeObserver {
+  std::vector<double> mean;
+  void on_snapshot(Snapshot s) override {
+    double sum = 0;
+    for (std::uint32_t t = 0; t < s.light->size(); ++t)
+      sum += double(luminance(s.light->irradiance(t))) / double(s.light->size());
+    mean.push_back(sum);
+  }
+};
+
+TEST(Bake, PreviewsOfARadiosityMapCanAddTheLightThatIsMissing) {
+  Previews plain, ambient;
+  std::string exr[2];
+  for (const bool adds : {false, true}) {
+    const TempFolder folder;
+    BakeInput in = input_for(folder, "cornell", 64);
+    in.settings.solver.method = proto::Method::kRadiosityMap;
+    in.settings.solver.samples = 64;
+    in.settings.solver.ambient_term = adds;
+    exec::ThreadPool pool(2);
+    const auto manifest = bake(in, pool, {}, adds ? ambient : plain);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    exr[adds] = test::read_bytes(in.output_dir / "page_00.exr");
+  }
+  EXPECT_TRUE(exr[0] == exr[1]) << "the result has none of it";
+  ASSERT_EQ(plain.mean.size(), ambient.mean.size());
+  EXPECT_EQ(plain.mean.back(), ambient.mean.back());
+  const double whole = plain.mean.back();
+  EXPECT_LT(plain.mean.front(), 0.8 * whole) << "direct light alone";
+  EXPECT_GT(ambient.mean.front(), 0.8 * whole);
+  EXPECT_LT(ambient.mean.front(), 1.5 * whole);
+}
+
 TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
   std::string first;
   for (const unsigned threads : {1u, 2u, 3u, 8u}) {

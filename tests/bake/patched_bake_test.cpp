@@ -81,7 +81,7 @@ TEST_P(PatchedBake, GivesTheSameBits) {
 INSTANTIATE_TEST_SUITE_P(
     Scenes, PatchedBake,
     testing::Values(Case{"cornell", 64, true, proto::ErrorMeasure::kPercentile95, false},
-                    Case{"cornell_layers", 48, false, proto::ErrorMeasure::kRms, false},
+                    Case{"cornell_shelves", 48, false, proto::ErrorMeasure::kRms, false},
                     Case{"many_lights", 48, true, proto::ErrorMeasure::kRms, false},
                     Case{"courtyard", 48, true, proto::ErrorMeasure::kPercentile95, true}),
     [](const auto& c) { return c.param.scene; });

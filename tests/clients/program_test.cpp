@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "tests/support/sanitizer.h"
 #include "tests/support/temp_files.h"
@@ -126,6 +127,106 @@ TEST_F(Program, BakesAndCompares) {
   const auto other = run("compare a/page_00.exr b/page_00.exr --json --fail-above 1e-9");
   EXPECT_EQ(other.code, 1);  // Another seed gives other noise.
   EXPECT_GT(nlohmann::json::parse(other.out)["nrmse"].get<double>(), 1e-9);
+}
+
+TEST_F(Program, ComparesFoldersAndLayersAndWritesPictures) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  for (const char* seed : {"1", "2", "3"}) {
+    const auto baked = run("bake s.glb -q -o " + std::string(seed) +
+                           " --set atlas.page_size=64 --set solver.samples=4 --set "
+                           "solver.direct_samples=4 --set solver.bounces=1 --set "
+                           "'output.layers=[\"irradiance\",\"direct\"]' --set solver.seed=" +
+                           seed);
+    ASSERT_EQ(baked.code, 0) << baked.err;
+  }
+  const auto figures = [&](const std::string& arguments) {
+    const auto result = run("compare --json " + arguments);
+    EXPECT_EQ(result.code, 0) << result.err;
+    return nlohmann::json::parse(result.out, nullptr, false);
+  };
+  const auto all = figures("1 2 --diff e.png --diff-scale 4 --contours c.png --histogram h.csv");
+  EXPECT_EQ(all["pages"][0]["page"], "page_00");
+  EXPECT_EQ(all["pages"][0]["nrmse"], all["nrmse"]);
+  EXPECT_EQ(all["pixels"], 64 * 64);
+  EXPECT_DOUBLE_EQ(all["diff_full"].get<double>(), all["scale"].get<double>() / 4);
+  for (const char* name : {"e.png", "c.png"})
+    EXPECT_EQ(test::read_bytes(dir.path() / name).substr(1, 3), "PNG") << name;
+  const std::string rows = test::read_bytes(dir.path() / "h.csv");
+  EXPECT_EQ(std::count(rows.begin(), rows.end(), '\n'), 65);
+
+  const auto direct = figures("1/page_00.exr 2/page_00.exr --layer direct");
+  EXPECT_LT(direct["mean_reference"], all["mean_reference"]);
+  EXPECT_EQ(figures("1 2 --layer irradiance"), figures("1 2"));
+  EXPECT_NEAR(figures("1 1 --factor pi")["bias"].get<double>(), 2.14159265, 1e-6);
+  EXPECT_EQ(figures("1 2 --scale 1e6")["dfpr"], all["dfpr"]);
+  EXPECT_LT(figures("1 2 --scale 1e6")["dfpr_all"], all["dfpr_all"]);
+  const auto unbiased = figures("1 2 --second-reference 3")["unbiased"];
+  // Three bakes of one kind: each has the noise that two of them tell of a third.
+  EXPECT_NEAR(unbiased["nrmse"].get<double>() / unbiased["noise"].get<double>(), 1, 0.3);
+  EXPECT_NE(run("compare 1 2 --second-reference 3").out.find("unbiased"), std::string::npos);
+}
+
+TEST_F(Program, KeepsPassesAndShowsHowTheyConverge) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  const std::string bake =
+      "bake s.glb -q --set atlas.page_size=64 --set solver.samples=16 --set "
+      "solver.direct_samples=16 --set solver.bounces=3 --set post.filter=false --keep-passes p -o "
+      "a";
+  const auto baked = run(bake);
+  ASSERT_EQ(baked.code, 0) << baked.err;
+  const auto result = run("compare a p --contact-sheet sheet.png");
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(test::read_bytes(dir.path() / "sheet.png").substr(1, 3), "PNG");
+  std::vector<double> errors;
+  std::istringstream rows(result.out);
+  std::string row;
+  std::getline(rows, row);
+  EXPECT_EQ(row.substr(0, 34), "pass,name,seconds,rays,nrmse,rel_r");
+  while (std::getline(rows, row)) {
+    std::istringstream cells(row);
+    std::string cell;
+    for (int i = 0; i < 5; ++i) std::getline(cells, cell, ',');
+    errors.push_back(std::stod(cell));
+  }
+  // Direct light lacks all that bounces; the last pass is the result, but for the file's half
+  // floats.
+  ASSERT_GE(errors.size(), 4u);
+  EXPECT_GT(errors.front(), 0.1);
+  EXPECT_LT(errors.back(), 1e-3);
+  EXPECT_EQ(run("compare a p --passes c.csv --fail-above 1e-3").out, "");
+  EXPECT_EQ(test::read_bytes(dir.path() / "c.csv"), result.out);
+  EXPECT_EQ(run(bake).code, 2) << "the passes of another bake lie there";
+  EXPECT_EQ(run("compare a a --passes c.csv").code, 2);
+}
+
+TEST_F(Program, ComparisonsThatCantBeSayWhy) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  for (const char* size : {"32", "64"})
+    ASSERT_EQ(run("bake s.glb -q -o " + std::string(size) +
+                  " --set solver.samples=1 --set solver.direct_samples=1 --set solver.bounces=0 "
+                  "--set atlas.page_size=" +
+                  size)
+                  .code,
+              0);
+  std::filesystem::create_directories(dir.path() / "empty");
+  dir.write("text.exr", "no picture");
+  struct Case {
+    const char *arguments, *says;
+    int code;
+  };
+  for (const Case c :
+       {Case{"32/page_00.exr 64/page_00.exr", "32x32 and 64/page_00.exr is 64x64", 2},
+        Case{"32 32/page_00.exr", "32 is a folder, and 32/page_00.exr is a file", 2},
+        Case{"32 empty", "empty has no page_00.exr", 2},
+        Case{"empty 32", "empty has no page_NN", 2},
+        Case{"32/page_00.exr text.exr", "text.exr can't be compared", 2},
+        Case{"32 32 --layer raw", "no layer 'raw'; its layers are irradiance", 2},
+        Case{"32 32 --scale 0", "--scale", 2}, Case{"32 32 --factor tau", "--factor", 2},
+        Case{"32 32 --diff none/e.png", "[io_error]", 1}}) {
+    const auto result = run(std::string("compare ") + c.arguments);
+    EXPECT_EQ(result.code, c.code) << c.arguments;
+    EXPECT_NE(result.err.find(c.says), std::string::npos) << c.arguments << "\n" << result.err;
+  }
 }
 
 TEST_F(Program, ADarkSceneSaysWhatToDo) {

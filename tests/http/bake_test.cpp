@@ -63,6 +63,26 @@ TEST_F(Bakes, EveryMethodOfTheSettings) {
   }
 }
 
+TEST_F(Bakes, ARadiosityMapTellsWhatItsSeriesLacks) {
+  const std::string id =
+      post_job(program, write_small_scene(folder.path()),
+               R"({"atlas":{"page_size":128},"solver":{"method":"radiosity_map","samples":100,
+          "direct_samples":40,"initial_samples":8,"light_sampling":"stratified",
+          "same_directions":true,"ambient_term":true}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+  const auto& passes = manifest["statistics"]["passes"];
+  EXPECT_EQ(passes.front()["name"], "direct");
+  EXPECT_EQ(passes[1]["name"], "trace");
+  EXPECT_EQ(passes.back()["name"], "iterations");
+  EXPECT_TRUE(passes.back().contains("standard_error"));
+  const bool told = std::ranges::any_of(manifest["warnings"], [](const auto& warning) {
+    return warning["code"] == "series_short_of_light";
+  });
+  EXPECT_TRUE(told) << manifest["warnings"];
+}
+
 TEST_F(Bakes, AMethodThatCantFinishFailsAndSaysWhatItWouldTake) {
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"),
                                   R"({"solver":{"method":"pairwise"}})");

@@ -137,38 +137,5 @@ TEST(ToneMap, NothingBreaksTheByteRange) {
   EXPECT_EQ(pixels[2][0], 0);
 }
 
-TEST(Compare, KnownFigures) {
-  image::PageImage reference{2, 1, {{1, 2, 3}, {2, 2, 2}}, {1, 1}};
-  image::PageImage candidate{2, 1, {{2, 2, 3}, {2, 0, 2}}, {1, 1}};
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.texels, 2u);
-  EXPECT_DOUBLE_EQ(r.mean_reference, 2);
-  EXPECT_DOUBLE_EQ(r.rmse, std::sqrt(5.0 / 6));
-  EXPECT_DOUBLE_EQ(r.nrmse, std::sqrt(5.0 / 6) / 2);
-  EXPECT_DOUBLE_EQ(r.bias, -1.0 / 6 / 2);
-  EXPECT_DOUBLE_EQ(r.max_abs, 2);
-  EXPECT_DOUBLE_EQ(r.dfpr, (1 + 2) / 2.0);
-  const double a = 1 / 1.04, b = 2 / 2.04;
-  EXPECT_DOUBLE_EQ(r.rel_rmse, std::sqrt((a * a + b * b) / 6));
-}
-
-TEST(Compare, OnlyTexelsLitInBoth) {
-  image::PageImage reference{3, 1, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 0}};
-  image::PageImage candidate{3, 1, {{1, 1, 1}, {9, 9, 9}, {9, 9, 9}}, {1, 0, 1}};
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.texels, 1u);
-  EXPECT_EQ(r.uncovered, 1u);
-  EXPECT_EQ(r.rmse, 0);
-}
-
-TEST(Compare, CountsWhatIsNotFinite) {
-  image::PageImage reference = row_of({1, 1});
-  image::PageImage candidate = row_of({1, std::nanf("")});
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.nonfinite, 1u);
-  EXPECT_DOUBLE_EQ(r.rmse, std::sqrt(0.5));
-  EXPECT_EQ(compare(row_of({0}, 0), row_of({0}, 0)).texels, 0u);
-}
-
 }  // namespace
 }  // namespace kiln::output

@@ -152,6 +152,23 @@ TEST(Settings, DirectionsMustBeOnesThatThereAre) {
             "/solver/rtrad_compat");
 }
 
+TEST(Settings, EmittersSendTheirLightInSomeMethods) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport"}})"), "/solver/emitters");
+  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "matrix"}})"),
+            "/solver/emitters");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"emitters": "transport", "method": "pairwise"}})"));
+}
+
+TEST(Settings, AQuadtreeAndWindowsExcludeEachOther) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"subdivision_threshold": 0.1, "undersampling": "mipmap"}})"),
+            "/solver/subdivision_threshold");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"undersampling": "mipmap"}})"));
+  EXPECT_EQ(pointer_of(R"({"solver": {"subdivision_threshold": 0.1, "subdivision_max_node": 12}})"),
+            "/solver/subdivision_max_node");
+  EXPECT_TRUE(
+      parse_settings(R"({"solver": {"subdivision_threshold": 0.1, "subdivision_max_node": 16}})"));
+}
+
 std::string light(const std::string& members) {
   return R"({"lights": [{)" + members + "}]}";
 }

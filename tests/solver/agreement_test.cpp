@@ -3,8 +3,8 @@
 
 #include "baker/methods.h"
 #include "baker/solver/gather/gather.h"
-#include "baker/solver/pairwise/parts.h"
 #include "tests/solver/cornell_box.h"
+#include "tests/solver/touching.h"
 #include "tests/support/ready_scene.h"
 
 namespace kiln::solver {
@@ -87,21 +87,6 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
   const auto gather = yard.solve({});
   EXPECT_LE(noise_free_nrmse(shown(gather), r1, r2), 0.01);
   EXPECT_LE(noise_free_nrmse(sampled(gather), r1, r2), 0.01);
-}
-
-/// Tells of each texel whether a surface that it faces is nearer than so many of the texels'
-/// widths.
-std::vector<bool> touches(const World& world, float widths) {
-  const pairwise::Parts parts(world);
-  std::vector<bool> near(parts.patches.size());
-  for (std::uint32_t i = 0; i < near.size(); ++i)
-    parts.factors.pairs(
-        i, i + 1, parts.patches.size(), [&](std::uint32_t j, pairwise::ViewFactors::Factors) {
-          const math::Vec3 way = world.texels.position[j] - world.texels.position[i];
-          const float area = std::max(world.texels.area_m2[i], world.texels.area_m2[j]);
-          if (dot(way, way) < widths * widths * area) near[i] = near[j] = true;
-        });
-  return near;
 }
 
 // Radiosity over pairs of texels errs where surfaces touch; elsewhere it is the light of paths.

@@ -40,9 +40,16 @@ TEST(Methods, WhatCantFinishIsRefusedWithItsCost) {
   EXPECT_EQ(refusal(kPage128), "");
   EXPECT_EQ(refusal(kPage2048),
             "pairwise would trace about 4.4e+13 rays between 4194304 texels in 10 bounces: about "
-            "1.2e+03 hours at 10 million rays a second, and 0.23 GiB of memory. Use solver.method "
-            "\"gather\", or make the side of atlas.page_size 0.39 times as long, or less, or set "
-            "solver.allow_expensive.");
+            "1.2e+03 hours at 10 million rays a second, and 0.33 GiB of memory. Use solver.method "
+            "\"gather\", or solver.undersampling with a solver.window of 7, or make the side of "
+            "atlas.page_size 0.39 times as long, or less, or set solver.allow_expensive.");
+  s.window = 7;
+  EXPECT_NE(refusal(kPage2048), "") << "all texels send";
+  s.undersampling = proto::Undersampling::kMonteCarlo;
+  EXPECT_EQ(refusal(kPage2048), "") << "what the refusal advised";
+  s.window = 6;
+  EXPECT_NE(refusal(kPage2048).find("a solver.window of 7"), std::string::npos);
+  s.undersampling = proto::Undersampling::kNone;
   s.pair_samples = 256;
   EXPECT_EQ(refusal(kPage128), "");
   EXPECT_NE(refusal(4 * kPage128), "") << "more rays for each pair";
@@ -112,6 +119,7 @@ lightmap::Lightmap blinded(const lightmap::Lightmap& light, const lightmap::Plan
     std::ranges::fill(plane.bytes(0, plane.size()), std::byte{0x7f});
   });
   if (!contains(kept, lightmap::PlaneId::kHits)) blind.hits.drop();
+  if (!contains(kept, lightmap::PlaneId::kSeen)) blind.seen.drop();
   return blind;
 }
 

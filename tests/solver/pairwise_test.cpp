@@ -45,9 +45,10 @@ struct Ready {
   /// One row of F; zero where nothing is seen.
   std::vector<float> row(std::uint32_t i) const {
     std::vector<float> f(parts.patches.size());
-    parts.factors.row(
-        i, 0, parts.patches.size(), [](std::uint32_t) { return true; },
-        [&](std::uint32_t j, float factor) { f[j] = factor; });
+    const std::vector<math::Rgb> unit(f.size(), {1, 1, 1});
+    const auto senders = parts.senders.pick(unit, 0, {});
+    parts.factors.row(i, *senders, nullptr,
+                      [&](std::uint32_t s, float factor) { f[senders->list[s].texel] = factor; });
     return f;
   }
 };

@@ -244,6 +244,15 @@ void Hemisphere::follow_and_probe(std::span<Gathering> texels,
   }
 }
 
+sampling::Estimate Hemisphere::sky_light(const sampling::DirectionSet& of,
+                                         const Gathering& g) const {
+  if (world_.lights.sky()) return of.estimate(g.sky[0] * math::kPi, g.sky[1] * math::kPi);
+  float open[2] = {0, 0};
+  for (std::uint32_t i = 0; i < g.hits.size(); ++i)
+    open[of.in_second_half(i)] += g.hits[i] == simd::kHitSky ? math::kPi : 0.f;
+  return of.estimate(world_.scene.sky * open[0], world_.scene.sky * open[1]);
+}
+
 void Hemisphere::trace(std::span<Gathering> texels, const sampling::DirectionSet& set,
                        std::span<BackfaceTally> tally) const {
   if (texels.empty()) return;

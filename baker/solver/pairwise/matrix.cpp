@@ -157,9 +157,9 @@ class MatrixSolver final : public Solver {
 
 }  // namespace
 
-double matrix_memory(double texels, std::uint32_t pair_samples) {
+double matrix_memory(double texels, const proto::SolverSettings& settings) {
   constexpr double kVectors = 12 * sizeof(double);  // of a channel's solution
-  return texels * (texels * sizeof(float) + kVectors + pairwise_memory_per_texel(pair_samples));
+  return texels * (texels * sizeof(float) + kVectors + pairwise_memory_per_texel(settings));
 }
 
 std::unique_ptr<Solver> make_matrix_solver(const World& world) {

@@ -19,6 +19,13 @@ namespace kiln::solver::pairwise {
 /// limit on bounces, or when the next one would change less than the tolerance. Texels without
 /// radiosity send nothing, and are not traced.
 ///
+/// Where `solver.emitters` is `transport`, emitting texels send their light in the bounces, too:
+/// B_j has M_j = π L_e,j besides, and there is one bounce more. That light lies in the plane of
+/// indirect light then.
+///
+/// j need not be every texel: undersampling and the quadtree put fewer senders in their place, see
+/// SenderStrategy.
+///
 /// Both directions of a pair are traced, each by the batch that owns the receiver. Reciprocity
 /// would spare half of the rays [RTRad alg. 4], but then a pair is written to two texels, and the
 /// batches of a Pass own one range of texels each; sums in an order that no thread changes would
@@ -46,10 +53,15 @@ inline constexpr double kMatrixResidual = 1e-9;
 inline constexpr std::uint32_t kTypicalBounces = 10;
 inline constexpr double kFacingShare = 0.25;
 
-/// The rays of one pass of `pairwise` over so many texels if all
-/// faced each other, and the memory of the methods. Bytes.
-double pass_rays(double texels, std::uint32_t pair_samples);
-double pairwise_memory_per_texel(std::uint32_t pair_samples);
-double matrix_memory(double texels, std::uint32_t pair_samples);  ///< of all texels
+/// Returns the window of the settings, or what null stands for.
+std::uint32_t window_texels(const proto::SolverSettings&, std::uint32_t page_size);
+
+/// The rays of one pass of `pairwise` over so many texels, with a sender in each window, if all
+/// faced each other; and the memory of the methods. Bytes.
+double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window = 1);
+double pairwise_memory_per_texel(const proto::SolverSettings&);
+/// What remembered visibility, voxels, shooting and clamps take beside that, of all texels.
+double pairwise_extra_memory(const proto::SolverSettings&, double texels);
+double matrix_memory(double texels, const proto::SolverSettings&);  ///< of all texels
 
 }  // namespace kiln::solver::pairwise

@@ -5,6 +5,7 @@
 
 #include "baker/sampling/sobol.h"
 #include "baker/solver/footprint.h"
+#include "baker/solver/pairwise/pairwise.h"
 
 namespace kiln::solver::pairwise {
 namespace {
@@ -13,17 +14,13 @@ std::uint32_t points_per_texel(std::uint32_t pair_samples) {
   return pair_samples > 1 ? Patches::kPoints : 1;
 }
 
-std::uint32_t window_of(const World& world) {
-  return world.settings.window.value_or(std::max(1u, world.atlas.page_size / 128));
-}
-
 }  // namespace
 
 Patches::Patches(const World& world, std::uint32_t pair_samples)
     : texels_(world.texels),
       pair_samples_(pair_samples),
       per_texel_(points_per_texel(pair_samples)),
-      window_(std::int32_t(window_of(world))),
+      window_(std::int32_t(window_texels(world.settings, world.atlas.page_size))),
       seed_(sampling::hash(std::uint32_t(world.settings.seed),
                            std::uint32_t(world.settings.seed >> 32))) {
   points_.reserve(std::size_t(size()) * per_texel_);
@@ -52,6 +49,13 @@ void Patches::add_footprint(const World& world, std::uint32_t texel) {
   const Footprint at(world, texel);
   for (std::uint32_t i = 0; i < kPoints; ++i)
     points_.push_back({at.position[i], at.origin[i], at.geometric_normal[i], at.shading_normal[i]});
+}
+
+Patches::Point Patches::middle(std::uint32_t texel) const {
+  Point p = point(texel, 0);
+  p.origin += texels_.position[texel] - p.position;
+  p.position = texels_.position[texel];
+  return p;
 }
 
 std::uint32_t Patches::pair_key(std::uint32_t receiver, std::uint32_t sender) const {

@@ -23,6 +23,8 @@ class Patches {
   std::uint32_t size() const { return texels_.size(); }
   std::uint32_t pair_samples() const { return pair_samples_; }
   float area_m2(std::uint32_t texel) const { return texels_.area_m2[texel]; }
+  /// Returns proto::SolverSettings::window, or what null stands for.
+  std::uint32_t window() const { return std::uint32_t(window_); }
 
   /// A point of a patch. The receiver's cosine is that of the shading normal, and zero below the
   /// surface; the sender's is that of the surface itself, whose area counts.
@@ -33,6 +35,8 @@ class Patches {
   const Point& point(std::uint32_t texel, std::uint32_t i) const {
     return points_[std::size_t(texel) * per_texel_ + i];
   }
+  /// Returns the point in the middle of a texel.
+  Point middle(std::uint32_t texel) const;
 
   /// The points of sample k of the pair of two texels: for one unordered pair always the same,
   /// whichever of the two is asked about. The samples of a pair are different pairs of points, up

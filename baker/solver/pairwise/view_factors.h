@@ -4,6 +4,8 @@
 #include <cstdint>
 
 #include "baker/solver/pairwise/patches.h"
+#include "baker/solver/pairwise/seen_pairs.h"
+#include "baker/solver/pairwise/senders.h"
 #include "baker/trace/visibility.h"
 
 namespace kiln::solver::pairwise {
@@ -14,7 +16,8 @@ namespace kiln::solver::pairwise {
 ///
 /// The share of the light that falls on i from a hemisphere as bright as j. π is part of F, unlike
 /// in the thesis, so that a row of F sums to 1 in a closed scene [Moreno-Fortuny eqs. 2.12, 2.15].
-/// s is `solver.distance_factor` [RTRad eq. 4.8, listing of AddContribution].
+/// s is `solver.distance_factor` [RTRad eq. 4.8, listing of AddContribution]. A_j is the area that
+/// the sender stands for, see Sender.
 ///
 /// The formula holds for A_j much smaller than r². Nearer texels it overstates, without a limit as
 /// r falls to zero; so A_i F_ij, which is A_j F_ji, is held down to the smaller of the two areas,
@@ -38,16 +41,18 @@ class ViewFactors {
         scale_(1 /
                (math::kPi * distance_factor * distance_factor * float(patches.pair_samples()))) {}
 
-  /// Calls `use(j, F_ij)` for the senders of [begin, end) that give light to texel i, in rising
-  /// order. Pairs of points that turn away from each other are skipped before they are traced, and
-  /// so are those within a window. @param wanted tells of a sender whether it matters
+  /// Calls `use(s, F)` for the senders that give light to texel i, in their order; `s` is the place
+  /// in the list. Pairs of points that turn away from each other are skipped before they are
+  /// traced, and so are those within a window. @param seen what is known already; may be null, and
+  /// needs senders that are texels, with one sample a pair. The factors are the same without it.
   /// @return rays traced
-  template <class Wanted, class Use>
-  std::uint64_t row(std::uint32_t i, std::uint32_t begin, std::uint32_t end, const Wanted& wanted,
+  template <class Use>
+  std::uint64_t row(std::uint32_t i, const Senders& senders, const SeenPairs* seen,
                     const Use& use) const {
     return walk(
-        i, begin, end, wanted, [](Factors f) { return f.forth > 0; },
-        [&](std::uint32_t j, Factors f) { use(j, f.forth); });
+        i, Listed{patches_, senders}, 0, std::uint32_t(senders.list.size()), seen,
+        [](Factors f) { return f.forth > 0; },
+        [&](std::uint32_t s, Factors f) { use(s, f.forth); });
   }
   /// Calls `use(j, Factors)` for the texels of [begin, end) that exchange light with texel i,
   /// either way. @return rays traced
@@ -55,28 +60,55 @@ class ViewFactors {
   std::uint64_t pairs(std::uint32_t i, std::uint32_t begin, std::uint32_t end,
                       const Use& use) const {
     return walk(
-        i, begin, end, [](std::uint32_t) { return true; },
+        i, Texels{patches_}, begin, end, nullptr,
         [](Factors f) { return f.forth > 0 || f.back > 0; }, use);
   }
 
  private:
-  template <class Wanted, class Matters, class Use>
-  std::uint64_t walk(std::uint32_t i, std::uint32_t begin, std::uint32_t end, const Wanted& wanted,
-                     const Matters& matters, const Use& use) const {
-    Queue<Use> queue(*this, i, use);
+  /// The other ends of pairs, by numbers: all texels, or the senders of a list.
+  struct Texels {
+    const Patches& patches;
+
+    std::uint32_t texel(std::uint32_t j) const { return j; }
+    float area_m2(std::uint32_t j) const { return patches.area_m2(j); }
+    const Patches::Point& point(std::uint32_t j, std::uint32_t i) const {
+      return patches.point(j, i);
+    }
+  };
+  struct Listed {
+    const Patches& patches;
+    const Senders& senders;
+
+    std::uint32_t texel(std::uint32_t s) const { return senders.list[s].texel; }
+    float area_m2(std::uint32_t s) const { return senders.list[s].area_m2; }
+    const Patches::Point& point(std::uint32_t s, std::uint32_t i) const {
+      const Sender& sender = senders.list[s];
+      return sender.point == Sender::kTexelsOwn ? patches.point(sender.texel, i)
+                                                : senders.points[sender.point];
+    }
+  };
+
+  template <class Others, class Matters, class Use>
+  std::uint64_t walk(std::uint32_t i, const Others& others, std::uint32_t begin, std::uint32_t end,
+                     const SeenPairs* seen, const Matters& matters, const Use& use) const {
+    Queue<Others, Use> queue(*this, i, others, use);
     const std::uint32_t samples = patches_.pair_samples();
-    for (std::uint32_t j = begin; j < end; ++j) {
-      if (!wanted(j) || j == i) continue;
+    for (std::uint32_t s = begin; s < end; ++s) {
+      const std::uint32_t j = others.texel(s);
+      if (j == i) continue;
+      const auto known = seen ? seen->ask(i, j) : SeenPairs::Answer::kUnknown;
+      if (known == SeenPairs::Answer::kApart) continue;
       const std::uint32_t key = samples > 1 ? patches_.pair_key(i, j) : 0;
       bool excluded = false, asked = false;
       for (std::uint32_t k = 0; k < samples && !excluded; ++k) {
         const Patches::Ends ends = patches_.ends(i, j, key, k);
         const Patches::Point& one = patches_.point(i, ends.receiver);
-        const Patches::Point& other = patches_.point(j, ends.sender);
+        const Patches::Point& other = others.point(s, ends.sender);
         const Factors kernel = unoccluded(one, other);
         if (!matters(kernel)) continue;
         if (!asked) excluded = patches_.are_excluded(i, j), asked = true;
-        if (!excluded) queue.add(j, kernel, one.origin, other.origin);
+        if (excluded) continue;
+        queue.add(s, kernel, one.origin, other.origin, known == SeenPairs::Answer::kSeen);
       }
     }
     queue.finish();
@@ -96,39 +128,44 @@ class ViewFactors {
     return {(at_a / r2) * (above_b / r2), (at_b / r2) * (above_a / r2)};
   }
 
-  /// Collects segments of a row until there are sixteen to trace. The segments of a pair follow
-  /// each other, and their sum is passed on when those of the next pair begin.
-  template <class Use>
+  /// Collects segments of a row until there are sixteen, and traces those of which nothing is
+  /// known. The segments of a pair follow each other, and their sum is passed on when those of the
+  /// next pair begin.
+  template <class Others, class Use>
   class Queue {
    public:
-    Queue(const ViewFactors& factors, std::uint32_t i, const Use& use)
-        : of_(factors), i_(i), use_(use) {}
+    Queue(const ViewFactors& factors, std::uint32_t i, const Others& others, const Use& use)
+        : of_(factors), i_(i), others_(others), use_(use) {}
 
-    void add(std::uint32_t j, Factors kernel, math::Vec3 at_i, math::Vec3 at_j) {
-      j_[packet_.count] = j, kernel_[packet_.count] = kernel;
-      i_ < j ? packet_.add(at_i, at_j) : packet_.add(at_j, at_i);
-      if (packet_.is_full()) trace();
+    void add(std::uint32_t j, Factors kernel, math::Vec3 at_i, math::Vec3 at_j, bool is_open) {
+      j_[count_] = j, kernel_[count_] = kernel;
+      lane_[count_] = is_open ? kOpen : packet_.count;
+      if (!is_open) i_ < others_.texel(j) ? packet_.add(at_i, at_j) : packet_.add(at_j, at_i);
+      if (++count_ == 16) settle();
     }
     void finish() {
-      if (packet_.count > 0) trace();
+      settle();
       pass_on();
     }
     std::uint64_t traced() const { return traced_; }
 
    private:
-    void trace() {
-      const std::uint32_t blocked = of_.visibility_.blocked(packet_);
-      for (std::uint32_t s = 0; s < packet_.count; ++s) {
+    /// The lane of a segment that is known to be open: no bit of an answer.
+    static constexpr std::uint32_t kOpen = 31;
+
+    void settle() {
+      const std::uint32_t blocked = packet_.count > 0 ? of_.visibility_.blocked(packet_) : 0;
+      for (std::uint32_t s = 0; s < count_; ++s) {
         if (j_[s] != last_) pass_on(), last_ = j_[s];
-        if (blocked >> s & 1) continue;
+        if (blocked >> lane_[s] & 1) continue;
         sum_.forth += kernel_[s].forth, sum_.back += kernel_[s].back;
       }
       traced_ += packet_.count;
-      packet_.count = 0;
+      packet_.count = count_ = 0;
     }
     void pass_on() {
       if (sum_.forth > 0 || sum_.back > 0) {
-        const float a_i = of_.patches_.area_m2(i_), a_j = of_.patches_.area_m2(last_);
+        const float a_i = of_.patches_.area_m2(i_), a_j = others_.area_m2(last_);
         use_(last_, Factors{std::min(sum_.forth * of_.scale_ * a_j, std::min(1.f, a_j / a_i)),
                             std::min(sum_.back * of_.scale_ * a_i, std::min(1.f, a_i / a_j))});
       }
@@ -137,9 +174,10 @@ class ViewFactors {
 
     const ViewFactors& of_;
     const std::uint32_t i_;
+    const Others& others_;
     const Use& use_;
     trace::SegmentPacket packet_;
-    std::uint32_t j_[16]{};
+    std::uint32_t j_[16]{}, lane_[16]{}, count_ = 0;
     Factors kernel_[16];
     std::uint32_t last_ = 0;
     Factors sum_;

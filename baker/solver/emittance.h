@@ -1,0 +1,14 @@
+#pragma once
+
+#include <vector>
+
+#include "baker/solver/world.h"
+
+namespace kiln::solver {
+
+/// Returns the light that each texel sends of itself, lx: M = π L_e, where L_e is the mean over its
+/// sample points. For methods that transport the light of emitters as that of any texel
+/// [RTRad 4.7]. Backs of double-sided emitters shine, too.
+std::vector<math::Rgb> texel_emittance(const World&);
+
+}  // namespace kiln::solver
