@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string>
 
+#include "baker/solver/directional/directional.h"
 #include "baker/solver/gather/gather.h"
 #include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
@@ -55,8 +56,8 @@ MethodMemory pairwise_memory(const proto::SolverSettings& settings, const solver
                              double texels) {
   MethodMemory memory;
   using namespace solver::pairwise;
-  memory.all_passes = texels * pairwise_memory_per_texel(settings) +
-                      pairwise_extra_memory(settings, texels);
+  memory.all_passes =
+      texels * pairwise_memory_per_texel(settings) + pairwise_extra_memory(settings, texels);
   memory.texel_pass = kBouncedPlanes;
   memory.texel_complete = kSampledPlanes;
   return memory;
@@ -78,6 +79,13 @@ MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
       texels * kHitBytes * solver::radiosity_map::kept_directions(settings, plan, texels);
   if (settings.series == proto::Series::kUnbiased) memory.texel_state = sizeof(math::Rgb);
   memory.texel_pass = memory.texel_complete = kSampledPlanes + kBouncedPlanes + kRadiosity;
+  return memory;
+}
+
+MethodMemory directional_memory(const proto::SolverSettings&, const solver::SamplePlan&, double) {
+  MethodMemory memory;
+  memory.texel_pass = kBouncedPlanes + solver::directional::directional_memory_per_texel();
+  memory.texel_complete = kSampledPlanes + solver::directional::directional_memory_per_texel();
   return memory;
 }
 
@@ -145,6 +153,8 @@ constexpr std::array kMethods{
            /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
     Method{proto::Method::kRadiosityMap, solver::radiosity_map::make_radiosity_map_solver,
            solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
+    Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
+           solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {

@@ -64,7 +64,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap };
+enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap, kDirectional };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -82,6 +82,7 @@ inline constexpr std::array kMethodNames{
     Word{"matrix", "the system of pairwise solved exactly, for a few thousand texels."},
     Word{"radiosity_map",
          "a sample of every texel at a time, each reading the mean of those before."},
+    Word{"directional", "a fixed set of directions for every texel, traced in every bounce."},
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
@@ -136,11 +137,13 @@ enum class LightSampling { kUniform, kStratified, kSolidAngle };
 enum class Emitters { kExplicit, kTransport };
 
 struct SolverSettings {
+  static constexpr std::uint32_t kMostDirections = 4096;  ///< of one texel (directional)
+
   Method method = Method::kGather;
   std::uint32_t bounces = 16;  ///< diffuse bounces after direct light
-  /// Indirect directions (gather), paths (path), directions to the sky (pairwise, matrix) or
-  /// iterations (radiosity_map) per texel; null: as many as the quality asks for (gather), 800
-  /// (radiosity_map), 256.
+  /// Indirect directions (gather, directional), paths (path), directions to the sky (pairwise,
+  /// matrix) or iterations (radiosity_map) per texel; null: as many as the quality asks for
+  /// (gather), 800 (radiosity_map), 256.
   std::optional<std::uint32_t> samples;
   /// Shadow rays per texel towards area lights (all but path); null: 200 (radiosity_map), as many
   /// as the quality asks for.
@@ -175,6 +178,7 @@ struct SolverSettings {
   float voxel_ratio = 1;  ///< share of segments that march through voxels, not rays (voxel)
   DirectionSetKind direction_set = DirectionSetKind::kLargestEmptyCircle;
   bool rotate_directions = true;  ///< each texel turns the set about its normal (directional)
+  bool mip_radiosity = true;      ///< directions read the mean of what they spread to (directional)
   bool rtrad_compat = false;      ///< the formula of RTRad's alg. 8, to show the difference
   Series series = Series::kAveraged;
   std::uint32_t initial_samples = 16;  ///< samples of direct light before the first bounce

@@ -130,6 +130,21 @@ void read_lights(const json& list, BakeSettings& out, ProblemList& problems) {
     out.lights.push_back(read_light("/lights/" + std::to_string(i), list[i], problems));
 }
 
+// Settings that don't go together
+// -------------------------------------------------------------------------------------------
+
+void check_directional(const SolverSettings& s, ProblemList& problems) {
+  if (s.method != Method::kDirectional) return;
+  if (s.samples.value_or(0) > SolverSettings::kMostDirections)
+    problems.add("/solver/samples",
+                 "expected at most " + std::to_string(SolverSettings::kMostDirections) +
+                     " with method \"directional\", found " + std::to_string(*s.samples));
+  if (s.rtrad_compat && s.direction_set == DirectionSetKind::kHemicube)
+    problems.add("/solver/rtrad_compat",
+                 "direction_set \"hemicube\" has weights of its own; RTRad's formula goes with "
+                 "\"largest_empty_circle\"");
+}
+
 json light_json(const LightSettings& light) {
   json doc = json::object();
   for (const auto& row : light_rows())
@@ -202,6 +217,7 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
     problems.add("/solver/visibility",
                  "a bit is remembered for the middles of two texels: expected \"ray\" or \"voxel\" "
                  "with pair_samples above 1, undersampling \"mipmap\" or subdivision_threshold");
+  check_directional(solver, problems);
   if (!solver.subdivision_threshold) return;
   if (solver.undersampling != Undersampling::kNone)
     problems.add("/solver/subdivision_threshold",

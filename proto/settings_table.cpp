@@ -183,11 +183,12 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.samples; }>(
           {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
            .nullable = true, .unit = "samples/texel",
-           .description = "Indirect directions (gather), paths (path), directions to the sky "
-                          "(pairwise, matrix) or iterations (radiosity_map; of each bounce "
+           .description = "Indirect directions (gather, directional), paths (path), directions to "
+                          "the sky (pairwise, matrix) or iterations (radiosity_map; of each bounce "
                           "in its unbiased series) of every texel. null: as many as "
                           "target_error asks for (gather), 800 (radiosity_map), 256 (the "
-                          "others)."}),
+                          "others). directional takes at most 4096; a hemicube has about as many "
+                          "cells."}),
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .nullable = true, .unit = "samples/texel",
@@ -219,7 +220,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "
-                          "share (gather, pairwise). 0: only at the limit on bounces."}),
+                          "share (gather, pairwise, directional). 0: only at the limit on bounces."}),
       row<[](auto& s) -> auto& { return s.solver.seed; }>(
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
@@ -334,6 +335,11 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "solver.rotate_directions", .kind = kBoolean,
            .description = "Turn the directions about the normal by an angle of each texel's own, so "
                           "that the error is noise and no pattern (directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.mip_radiosity; }>(
+          {.path = "solver.mip_radiosity", .kind = kBoolean,
+           .description = "A direction reads the mean light of as much of a chart as its share of the "
+                          "hemisphere covers where it arrives, and not that of one texel "
+                          "(directional)."}),
       row<[](auto& s) -> auto& { return s.solver.rtrad_compat; }>(
           {.path = "solver.rtrad_compat", .kind = kBoolean,
            .description = "Weight directions as RTRad's text does, by a second cosine and by 1/r2, and "

@@ -92,6 +92,21 @@ TEST_F(Bakes, AMethodThatCantFinishFailsAndSaysWhatItWouldTake) {
   EXPECT_NE(done.body.find("/solver/method"), std::string::npos) << done.body;
 }
 
+TEST_F(Bakes, DirectionsOfAHemicube) {
+  const std::string id = post_job(program, write_small_scene(folder.path()), R"({
+    "atlas": {"page_size": 256},
+    "solver": {"method": "directional", "samples": 64, "direction_set": "hemicube"},
+    "output": {"layers": ["irradiance", "indirect", "samples"]}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+  EXPECT_EQ(manifest["settings"]["solver"]["direction_set"], "hemicube");
+  const auto& passes = manifest["statistics"]["passes"];
+  EXPECT_EQ(passes[0]["name"], "direct");
+  EXPECT_EQ(passes[1]["name"], "bounce");
+  EXPECT_EQ(passes[1]["rays"].get<std::uint64_t>() % 48, 0u) << "cells of a hemicube of 4 x 4";
+}
+
 TEST_F(Bakes, ADownloadIsResumedByRange) {
   const std::string id = post_job(program, write_small_scene(folder.path()));
   ASSERT_EQ(member(curl("'" + job_url(id, "?wait=60") + "'").body, "state"), "succeeded");

@@ -140,6 +140,18 @@ TEST(Settings, GutterMustLeaveRoomOnThePage) {
   EXPECT_TRUE(parse_settings(R"({"atlas": {"page_size": 16, "gutter": 7}})"));
 }
 
+TEST(Settings, DirectionsMustBeOnesThatThereAre) {
+  const auto directional = [](const std::string& more) {
+    return R"({"solver": {"method": "directional", )" + more + "}}";
+  };
+  EXPECT_TRUE(parse_settings(directional(R"("samples": 4096)")));
+  EXPECT_EQ(pointer_of(directional(R"("samples": 4097)")), "/solver/samples");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"method": "path", "samples": 4097}})"));
+  EXPECT_TRUE(parse_settings(directional(R"("rtrad_compat": true)")));
+  EXPECT_EQ(pointer_of(directional(R"("rtrad_compat": true, "direction_set": "hemicube")")),
+            "/solver/rtrad_compat");
+}
+
 TEST(Settings, EmittersSendTheirLightInSomeMethods) {
   EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport"}})"), "/solver/emitters");
   EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "matrix"}})"),

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "baker/solver/bounces.h"
 #include "baker/solver/direct/direct_pass.h"
 #include "baker/solver/direct/sky_pass.h"
 #include "baker/solver/pairwise/passes.h"
@@ -159,14 +160,9 @@ class PairwiseSolver final : public Solver {
     return changes;
   }
 
-  /// Returns whether the bounce that follows is the last one: the limit is reached, or the one
-  /// after it would change the light by less than the tolerance, as the ratio of the last two says.
+  /// Returns whether the bounce that follows is the last one.
   bool is_last(std::span<const double> changes) const {
-    if (changes.size() + 1 >= bounces()) return true;
-    if (changes.size() < 2) return false;
-    const double last = changes.back(), before = changes[changes.size() - 2];
-    const double ratio = before > 0 ? last / before : 0;
-    return ratio < 1 && last * ratio * ratio <= double(world_.settings.tolerance);
+    return is_last_bounce(changes, bounces(), double(world_.settings.tolerance));
   }
   /// The same for a shot. Those after it send less than it each, so that all texels together would
   /// change the light by less than kShots times its share.
