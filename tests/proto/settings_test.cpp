@@ -41,7 +41,17 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
                "hit_memory_mib": 12, "coarse_indirect": false,
                 "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991,
-                "without": ["shadow_probes", "low_discrepancy"]},
+                "without": ["shadow_probes", "low_discrepancy"], "pair_samples": 4,
+               "reflectivity_factor": 0.9, "distance_factor": 1.5, "window": 4,
+               "undersampling": "monte_carlo", "sender_seed": "receiver",
+               "iteration": "gauss_seidel", "batch_texels": 33, "max_contribution": 0.05,
+               "max_view_factor": 0.25, "subdivision_threshold": null, "subdivision_ramp": 0.01,
+               "subdivision_max_node": 16, "visibility": "voxel", "visibility_cache_mib": 64,
+               "voxel_grid": 32, "voxel_march": "fixed_steps", "voxel_ratio": 0.75,
+               "direction_set": "hemicube", "rotate_directions": false, "mip_radiosity": false,
+               "rtrad_compat": false, "series": "unbiased", "initial_samples": 8,
+               "same_directions": true, "light_sampling": "stratified", "ambient_term": true,
+               "emitters": "explicit", "allow_expensive": true},
     "sky": {"radiance": [0.1, 2, 3000.7], "map": "skies/n\u00f6n.exr", "scale": 0.5,
             "rotation": -90},
     "lights": [
@@ -84,12 +94,25 @@ TEST(Settings, AllProblemsAreToldAtOnce) {
   EXPECT_EQ(places["/solver/samples"],
             "expected an integer from 1 to 65536, or null (samples/texel), found 0");
   EXPECT_EQ(places["/solver/seed"], "expected an integer from 0 to 9007199254740991, found -1");
-  EXPECT_EQ(places["/solver/method"], "expected one of \"gather\", \"path\", found \"magic\"");
+  EXPECT_EQ(places["/solver/method"],
+            "expected one of \"gather\", \"path\", \"pairwise\", \"matrix\", \"radiosity_map\", "
+            "\"directional\", found \"magic\"");
   EXPECT_EQ(places["/atlas"], "expected an object, found 5");
   EXPECT_EQ(places["/postt"], "unknown setting \"postt\"; did you mean \"post\"?");
   EXPECT_EQ(places["/lights/1"], "expected an object, found 3");
   EXPECT_EQ(places["/allow_dark"], "expected true or false, found \"yes\"");
   EXPECT_NE(e.message.find("(and 7 more)"), std::string::npos);
+}
+
+TEST(Settings, PairsThatMakeNoSenseTogetherAreTold) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"iteration": "shooting", "undersampling": "stride"}})"),
+            "/solver/iteration");
+  EXPECT_EQ(pointer_of(R"({"solver": {"visibility": "cached", "pair_samples": 2}})"),
+            "/solver/visibility");
+  EXPECT_EQ(pointer_of(R"({"solver": {"visibility": "cached", "undersampling": "mipmap"}})"),
+            "/solver/visibility");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"visibility": "cached", "undersampling": "stride"}})"));
+  EXPECT_TRUE(parse_settings(R"({"solver": {"visibility": "voxel", "pair_samples": 2}})"));
 }
 
 TEST(Settings, HostileDocumentsGiveSmallErrors) {

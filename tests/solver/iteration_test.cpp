@@ -109,7 +109,7 @@ TEST(Remembered, VisibilityGivesTheSameBits) {
 }
 
 TEST(Remembered, WhatFindsNoPlaceIsTracedAgain) {
-  const auto box = cornell(80);
+  const auto box = cornell(128);
   proto::SolverSettings s = pairwise_settings();
   s.bounces = 1;
   const Solution traced = box->solve(s);
@@ -148,7 +148,7 @@ TEST(Remembered, EachPairHasOneBitAndEachTexelItsWords) {
 }
 
 TEST(VoxelSettings, AreObeyed) {
-  const auto box = cornell(24);
+  const auto box = cornell(32);
   proto::SolverSettings s = pairwise_settings();
   const Solution rays = box->solve(s);
   s.visibility = VisibilityKind::kVoxel;
@@ -170,7 +170,7 @@ TEST(VoxelSettings, AreObeyed) {
 
 // Clamps take energy, and say how much.
 TEST(ClampedLight, IsToldTexelByTexel) {
-  const auto box = cornell(24);
+  const auto box = cornell(32);
   proto::SolverSettings s = pairwise_settings();
   s.bounces = 1;
   const Solution whole = box->solve(s);
@@ -190,7 +190,7 @@ TEST(ClampedLight, IsToldTexelByTexel) {
 }
 
 TEST(BatchTexels, ChangesNoBit) {
-  const auto box = cornell(24);
+  const auto box = cornell(32);
   proto::SolverSettings s = pairwise_settings();
   const Solution automatic = box->solve(s);
   s.batch_texels = 7;

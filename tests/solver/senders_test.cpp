@@ -195,7 +195,7 @@ TEST(Senders, MeansAreThoseOfOneChart) {
 
 // A surface that bends within a window does not hide its own mean.
 TEST(Senders, AMeanLiesAboveABentSurface) {
-  const test::ReadyScene ball("cornell_blob", 0, 64);
+  const test::ReadyScene ball("bumpy_ball", 12, 64);
   const proto::SolverSettings s = windows_of(Undersampling::kMipmap, 8);
   const World world = ball.world(s);
   const Parts parts(world);
