@@ -175,7 +175,7 @@ int run_compare(const CompareFlags& flags) {
   return *fine ? kDone : kFailed;
 }
 
-constexpr const char* kFooter =
+constexpr const char* kCompareFooter =
     R"(Compares R, G and B of the texels that are lit in both. Of folders, every page_NN.exr is compared;
 the figures are those of all texels together, and --json has those of each page, too.
 
@@ -275,7 +275,7 @@ void add_compare(CLI::App& app, Run& run) {
   auto flags = std::make_shared<CompareFlags>();
   auto* command = app.add_subcommand("compare", "Compare lightmap pages");
   add_flags(*command, *flags);
-  command->footer(kFooter);
+  command->footer(kCompareFooter);
   command->callback([flags, &run] { run = [flags] { return run_compare(*flags); }; });
 }
 
