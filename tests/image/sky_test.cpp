@@ -10,7 +10,7 @@
 namespace kiln::image {
 namespace {
 
-constexpr std::uint32_t kWidth = 6, kHeight = 3;
+constexpr std::uint32_t kSkyWidth = 6, kSkyHeight = 3;
 
 float value(std::uint32_t x, std::uint32_t y, std::uint32_t channel) {
   return 0.25f * float(x) + 8 * float(y) + 1000 * float(channel);
@@ -19,7 +19,7 @@ float value(std::uint32_t x, std::uint32_t y, std::uint32_t channel) {
 /// A TIFF file of one strip of floats.
 struct Tiff {
   bool big_endian = false;
-  std::uint32_t width = kWidth, height = kHeight, bits = 32, format = 3, samples = 3;
+  std::uint32_t width = kSkyWidth, height = kSkyHeight, bits = 32, format = 3, samples = 3;
   std::uint32_t compression = 1, orientation = 1;
   bool has_extras = false;  ///< a profile and a next directory, both beyond the file
   std::vector<std::pair<std::uint32_t, std::uint32_t>> primaries{};
@@ -32,8 +32,8 @@ struct Tiff {
   std::string bytes() const {
     std::string file = (big_endian ? "MM" : "II") + number(42, 2) + number(0, 4);
     const std::size_t strip = file.size();
-    for (std::uint32_t y = 0; y < kHeight; ++y)
-      for (std::uint32_t x = 0; x < kWidth; ++x)
+    for (std::uint32_t y = 0; y < kSkyHeight; ++y)
+      for (std::uint32_t x = 0; x < kSkyWidth; ++x)
         for (std::uint32_t c = 0; c < 3; ++c)
           file += number(std::bit_cast<std::uint32_t>(value(x, y, c)), 4);
     const std::size_t strip_bytes = file.size() - strip, rationals = file.size();
@@ -71,15 +71,15 @@ TEST(TiffSky, BothByteOrdersAndWithoutWhatIsNoPixel) {
       auto header = read_header(file);
       ASSERT_TRUE(header) << header.error().message;
       EXPECT_EQ(header->flaw, "");
-      ASSERT_EQ(header->size.width, kWidth);
-      ASSERT_EQ(header->size.height, kHeight);
+      ASSERT_EQ(header->size.width, kSkyWidth);
+      ASSERT_EQ(header->size.height, kSkyHeight);
       EXPECT_FALSE(header->primaries);
-      std::vector<math::Rgb> rgb(kWidth * kHeight);
+      std::vector<math::Rgb> rgb(kSkyWidth * kSkyHeight);
       std::vector<float> alpha(rgb.size());
       const auto decoded = decode_rgb(*header, rgb, alpha, {});
       ASSERT_TRUE(decoded) << decoded.error().message;
       for (std::uint32_t i = 0; i < rgb.size(); ++i) {
-        const std::uint32_t x = i % kWidth, y = i / kWidth;
+        const std::uint32_t x = i % kSkyWidth, y = i / kSkyWidth;
         EXPECT_EQ(rgb[i], (math::Rgb{value(x, y, 0), value(x, y, 1), value(x, y, 2)}));
         EXPECT_EQ(alpha[i], 1);
       }
