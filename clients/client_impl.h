@@ -2,6 +2,7 @@
 
 #include <httplib.h>
 
+#include <cstddef>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -10,6 +11,9 @@
 
 /// The client's inside, for its own .cpp files.
 namespace kiln::clients {
+
+/// The most bytes that are read of an error's document.
+inline constexpr std::size_t kMaxProblemBytes = 1u << 20;
 
 struct Client::Impl {
   ServerUrl url;

@@ -10,7 +10,6 @@ namespace kiln::clients {
 namespace {
 
 constexpr int kTries = 3;
-constexpr std::size_t kMaxProblemBytes = 1u << 20;
 constexpr const char* kManifest = "manifest.json";
 
 /// Returns the digest that a strong ETag holds, or "" when it holds none.

@@ -11,8 +11,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr std::size_t kMaxProblemBytes = 1u << 20;
-
 /// The way in which one connection ended.
 enum class Outcome {
   kEnded,   ///< the job is over, or the handler asked to stop

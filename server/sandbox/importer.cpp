@@ -348,7 +348,7 @@ proto::Expected<void> Importer::check(const files::SceneFiles& files,
   if (!product) return Unexpected(product.error());
   scene->product = std::move(*product);
   job.product = scene->product.get();
-  // A file that changes during the check has another name afterwards.
+  // This is asked before the check: a file that changes meanwhile is not taken for the checked one.
   scene->files = identity_of(job.files);
   bool took_more = false;
   const auto done =

@@ -71,8 +71,8 @@ class MemoryWatch {
 };
 
 TEST(Uploads, HalfAGigabyteTakesNoMemory) {
-  // A sanitizer's allocator keeps what was freed.
-  constexpr std::uint64_t kBytes = 500'000'000, kAllowed = (kSlowdown > 1 ? 1024ull : 64ull) << 20;
+  // AddressSanitizer keeps 256 MiB of what was freed. Either bound is less than the upload.
+  constexpr std::uint64_t kBytes = 500'000'000, kAllowed = (kSlowdown > 1 ? 400ull : 64ull) << 20;
   const TempFolder folder;
   Program program(folder.path() / "data");
   const auto scene = write_large_scene(folder.path(), kBytes);
