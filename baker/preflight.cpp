@@ -26,6 +26,8 @@ constexpr double kSquare = 8;
 // While one page is written: an image for each layer; padding, encoders, and the samples of two PNG
 // files and a row of tiles, which the processes that encode them copy.
 constexpr double kImage = 16, kEncoders = 48;
+/// The samples of one further picture of a page, twice, and its file.
+constexpr double kPicture = 9;
 /// What the allocator holds on to.
 constexpr double kSlack = 1.15;
 
@@ -33,18 +35,6 @@ constexpr double kSlack = 1.15;
 constexpr double kPacked = 0.9;
 /// Texels that edges of charts add.
 constexpr double kEdges = 1.1;
-
-template <class T>
-double bytes(const std::vector<T>& v) {
-  return double(v.size()) * sizeof(T);
-}
-
-double scene_bytes(const scene::Scene& s) {
-  return bytes(s.positions) + bytes(s.normals) + bytes(s.base_uv) + bytes(s.emission_uv) +
-         bytes(s.lightmap_uv) + bytes(s.colors) + bytes(s.source_vertex) + bytes(s.triangles) +
-         bytes(s.triangle_part) + bytes(s.image_texels) +
-         double(s.sky_map.texels.size()) * kSkyPixel;
-}
 
 struct Surface {
   double area_m2 = 0, double_sided_m2 = 0;
@@ -107,10 +97,20 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const double filtering =
       base + filtered + texels * (own.texel_complete + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
+  const auto& formats = settings.output.formats;
+  const auto& layers = settings.output.layers;
+  const bool draws = std::find(formats.begin(), formats.end(), "png") != formats.end();
+  const auto pictures =
+      draws ? std::count_if(layers.begin(), layers.end(),
+                            [](const std::string& name) { return name != "irradiance"; })
+            : 0;
   const double writing =
-      base + filtered + page * (kImage * double(1 + settings.output.layers.size()) + kEncoders);
+      base + filtered +
+      page * (kImage * double(1 + layers.size()) + kEncoders + kPicture * double(pictures));
   const double most = std::max({bouncing, filtering, writing}) + squares * kSquare +
-                      double(scene.triangles.size()) * kTriangle + scene_bytes(scene);
+                      double(scene.triangles.size()) * kTriangle +
+                      double(scene::memory_bytes(scene)) +
+                      double(scene.sky_map.texels.size()) * kSkyPixel;
   return kProcessBytes + std::uint64_t(kSlack * most);
 }
 

@@ -98,6 +98,15 @@ inline constexpr std::array kLayerNames{
          "the standard error of the luminance, lx: R of all light, G of direct light, B of sky and "
          "indirect light."},
     Word{"samples", "R is the number of directions, G that of shadow rays at most, B is 0."},
+    Word{"position", "the place in the world, m."},
+    Word{"normal", "the shading normal."},
+    Word{"albedo", ""},
+    Word{"area", "the area of surface that the texel covers, m2."},
+    Word{"emission", "the radiance that the surface emits, cd/m2."},
+    Word{"coverage", "the covered share of the texel."},
+    Word{"validity", "the share of the texel that is not inside other geometry."},
+    Word{"chart", "a color for each chart."},
+    Word{"texel_checker", "a checkerboard of the texels."},
 };
 
 /// Selects the rays that are traced together, sixteen at a time (gather).

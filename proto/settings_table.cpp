@@ -411,7 +411,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Padding around charts that is filled from them. 0: the whole page."}),
       row<[](auto& s) -> auto& { return s.output.precision; }>(
           {.path = "output.precision", .kind = kChoice, .choices = {"half", "float"},
-           .description = "Numbers of the EXR pages. half: 16 bit; a page brighter than 60000 lx is "
+           .description = "Numbers of the EXR pages. half: 16 bit; a page with a value over 60000 is "
                           "written as float all the same, with a warning. float: 32 bit."}),
       row<[](auto& s) -> auto& { return s.output.layers; }>(
           {.path = "output.layers", .kind = kChoices, .min = 1,
@@ -420,8 +420,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.output.formats; }>(
           {.path = "output.formats", .kind = kChoices, .min = 1,
            .choices = {"exr", "png", "glb"},
-           .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "
-                          "lightmaps attached."}),
+           .description = "exr: the lightmap pages. png: tone-mapped previews, and a picture of every "
+                          "further layer. glb: the scene with lightmaps attached."}),
       row<[](auto& s) -> auto& { return s.output.exposure; }>(
           {.path = "output.exposure", .kind = kNumber, .min = 1e-9, .max = 1e9, .nullable = true,
            .unit = "1/lx",

@@ -14,6 +14,7 @@
 #include "server/sandbox/image_process.h"
 #include "server/sandbox/setup.h"
 #include "server/service.h"
+#include "server/view.h"
 
 namespace kiln::server {
 namespace {
@@ -77,6 +78,7 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
 ServiceParts isolated_parts(const std::shared_ptr<const sandbox::Importer>& importer,
                             std::shared_ptr<base::MemoryBudget> memory) {
   ServiceParts parts;
+  parts.view = make_view(importer, memory);
   parts.watch_checks = [memory](std::function<void()> wake) {
     return memory->watch(std::move(wake));
   };

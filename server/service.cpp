@@ -111,7 +111,8 @@ struct Service::Impl {
              uploads,
              gate,
              {parts.check, parts.watch_checks},
-             pool.size(),
+             pool,
+             parts.view,
              import_memory(config, parts.memory.get())}),
         admin(api::admin_pages(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {

@@ -158,7 +158,8 @@ proto::Expected<void> write_exr(const std::filesystem::path& path, std::span<con
   return written;
 }
 
-proto::Expected<PageImage> read_exr(const std::filesystem::path& path, std::string_view layer) {
+proto::Expected<PageImage> read_exr(const std::filesystem::path& path, std::string_view layer,
+                                    const std::stop_token& stop) {
   const auto wrong = [&](const std::string& what) {
     return fail("invalid_image", "OpenEXR: " + what);
   };
@@ -178,7 +179,7 @@ proto::Expected<PageImage> read_exr(const std::filesystem::path& path, std::stri
   image.height = header->size.height;
   image.rgb.resize(width * height);
   image.coverage.resize(width * height);
-  auto decoded = decode_rgb(*header, image.rgb, image.coverage, {});
+  auto decoded = decode_rgb(*header, image.rgb, image.coverage, stop);
   if (!decoded && decoded.error().code == "invalid_image") return wrong(decoded.error().message);
   if (!decoded) return proto::Unexpected(std::move(decoded.error()));
   for (float& a : image.coverage)

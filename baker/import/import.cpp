@@ -9,6 +9,7 @@
 #include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
+#include "baker/import/cameras.h"
 #include "baker/import/graph.h"
 #include "baker/import/images.h"
 #include "baker/import/lights.h"
@@ -306,6 +307,7 @@ proto::Expected<scene::Scene> OpenedScene::import(const std::optional<std::strin
   if (auto done = add_punctual_lights(scene, document, placed, limits); !done) {
     return Unexpected(done.error());
   }
+  add_cameras(scene, document, placed);
   scene.materials = import.materials.materials();
   if (auto done = load_images(document, scene, limits, stop); !done)
     return Unexpected(done.error());

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "baker/output/output.h"
+#include "baker/output/picture.h"
 #include "baker/output/post.h"
 
 namespace kiln::output {
@@ -13,6 +14,7 @@ struct Layer {
   const char* name;
   /// Gives the layer's value of a texel. The value reads the input, which outlives it.
   TexelValue (*value)(const OutputInput&);
+  Shown shown;  ///< the colors of its pictures
 };
 
 /// Returns all layers, in the order of proto::kLayerNames. The first is the irradiance.

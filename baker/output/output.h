@@ -48,8 +48,9 @@ struct OutputInput {
 /// Writes all files that the settings ask for into `dir`. Each is written as a temporary that is
 /// flushed, then renamed when it is whole; the files of a page are written at the same time. Fills
 /// pages, nodes, files and warnings of `manifest`, whose other members must be set before.
-/// manifest.json comes last and lists all files but itself; `manifest` lists it too. A page over
-/// 60,000 lx is written as float, with the warning `half_overflow`. Errors: `internal` (a value
+/// manifest.json comes last and lists all files but itself; `manifest` lists it too. With PNG each
+/// layer but the irradiance has a picture page_NN.LAYER.png (picture.h). A page with a value over
+/// 60,000 is written as float, with the warning `half_overflow`. Errors: `internal` (a value
 /// that is not finite, with its texel), `io_error`, `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,

@@ -30,4 +30,7 @@ float automatic_exposure(const image::PageImage&);
 /// to white.
 std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, float exposure);
 
+/// Returns the sRGB code of a linear value in 0..1; values outside are clamped, NaN is 0.
+std::uint8_t encode_srgb(float linear);
+
 }  // namespace kiln::output

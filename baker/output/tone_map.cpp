@@ -16,12 +16,6 @@ float curve(float x) {
   return x * (1 + x / (kWhite * kWhite)) / (1 + x);
 }
 
-std::uint8_t encode_srgb(float linear) {
-  const float c =
-      linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
-  return static_cast<std::uint8_t>(std::clamp(c * 255 + 0.5f, 0.f, 255.f));
-}
-
 std::vector<float> lit_luminance(const image::PageImage& image) {
   std::vector<float> lit;
   for (std::size_t i = 0; i < image.rgb.size(); ++i) {
@@ -32,6 +26,13 @@ std::vector<float> lit_luminance(const image::PageImage& image) {
 }
 
 }  // namespace
+
+std::uint8_t encode_srgb(float linear) {
+  if (!(linear > 0)) return 0;  // NaN too
+  const float c =
+      linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
+  return static_cast<std::uint8_t>(std::clamp(c * 255 + 0.5f, 0.f, 255.f));
+}
 
 float automatic_exposure(const image::PageImage& image) {
   std::vector<float> lit = lit_luminance(image);

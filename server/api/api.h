@@ -25,7 +25,8 @@ struct ApiParts {
   data::UploadStore& uploads;
   const auth::Gate& gate;
   SceneCheck check;
-  unsigned bake_threads = 1;
+  exec::ThreadPool& pool;  ///< what bakes and views run on
+  ViewFunction view;
   std::uint64_t import_memory_bytes = 0;  ///< memory that reading one scene may take; 0: no limit
 };
 
@@ -46,6 +47,7 @@ class Api {
   auth::RateLimiter tenant_rate_, token_rate_;
   std::counting_semaphore<> webhook_tests_;  ///< at a time: half the threads
   std::counting_semaphore<> previews_{2};
+  ViewDesk views_;
   const Resources resources_;
   const http::Router router_;
 };

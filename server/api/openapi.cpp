@@ -143,6 +143,23 @@ json job_paths() {
   return {{"/v1/jobs", std::move(jobs)}, {"/v1/jobs/{id}", std::move(one)}};
 }
 
+json view_operation() {
+  return operation(
+      "getView", "The baked scene with a layer as its color",
+      {{"200", file_answer("A picture", "image/png")}, {"304", answer("The client has it")}},
+      {query("layer", kText, "of the pages; irradiance by default"),
+       query("camera", kText,
+             "fit, the name of a camera of the scene, or x,y,z:tx,ty,tz[:degrees]"),
+       query("size", {{"type", "string"}, {"pattern", "^[0-9]+x[0-9]+$"}},
+             "WIDTHxHEIGHT, each at most 4096; 1024x768 by default"),
+       query("exposure", {{"type", "number"}}, "factor on light before the tone curve"),
+       query("ortho", {{"type", "boolean"}}, "no perspective"),
+       query("filter", {{"enum", {"bilinear", "nearest"}}}, "between texels"),
+       query("shaded", {{"type", "boolean"}},
+             "the light that leaves the surface, where the layer is irradiance"),
+       header("If-None-Match", "ETags")});
+}
+
 json job_action_paths() {
   const json id{path_parameter("id", "^job_[0-9a-z]{26}$")};
   const auto path = [&](const char* method, json what) {
@@ -178,7 +195,8 @@ json job_action_paths() {
                              {query("page", kNumber, "from 0"),
                               query("pass", {{"const", "latest"}}, "only `latest`"),
                               query("exposure", {{"type", "number"}}, "scale of the values"),
-                              header("If-None-Match", "ETags")}))}};
+                              header("If-None-Match", "ETags")}))},
+      {"/v1/jobs/{id}/view", path("get", view_operation())}};
 }
 
 json result_paths() {

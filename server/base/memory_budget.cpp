@@ -167,6 +167,25 @@ std::shared_ptr<const void> MemoryBudget::watch(std::function<void()> wake) {
   return watch;
 }
 
+std::optional<MemoryBudget::Loan> MemoryBudget::borrow(std::uint64_t bytes) {
+  std::string name;
+  {
+    const std::lock_guard lock(mutex_);
+    name = "loan " + std::to_string(++last_loan_);  // no job has such an id
+  }
+  if (!reserve(name, bytes)) return std::nullopt;
+  return Loan(*this, std::move(name));
+}
+
+MemoryBudget::Loan::Loan(Loan&& other) noexcept
+    : budget_(std::exchange(other.budget_, nullptr)), name_(std::move(other.name_)) {}
+
+MemoryBudget::Loan::~Loan() {
+  if (!budget_) return;
+  budget_->release(name_);
+  if (budget_->hook_) budget_->hook_();
+}
+
 MemoryBudget::Place::Place(Place&& other) noexcept
     : budget_(std::exchange(other.budget_, nullptr)), bytes_(other.bytes_), taken_(other.taken_) {}
 

@@ -12,6 +12,7 @@
 #include <set>
 #include <stop_token>
 #include <string>
+#include <utility>
 
 #include "proto/expected.h"
 
@@ -51,8 +52,24 @@ class MemoryBudget {
   /// there is not so much beside the others.
   bool reserve(const std::string& job, std::uint64_t bytes);
   void release(const std::string& job);
-  std::uint64_t reserved() const;  ///< bytes reserved by bakes
+  std::uint64_t reserved() const;  ///< bytes reserved by bakes and loans
   std::uint64_t reserved(const std::string& job) const;
+
+  /// Memory of work that is neither a bake nor an import. Ends with the object.
+  class Loan {
+   public:
+    Loan(Loan&& other) noexcept;
+    Loan& operator=(Loan&&) = delete;
+    ~Loan();
+
+   private:
+    friend class MemoryBudget;
+    Loan(MemoryBudget& budget, std::string name) : budget_(&budget), name_(std::move(name)) {}
+    MemoryBudget* budget_;
+    std::string name_;
+  };
+  /// Takes so much of what bakes have left. Returns nothing when there is not so much now.
+  std::optional<Loan> borrow(std::uint64_t bytes);
 
   /// The right to run one import process. Ends with the object.
   class Place {
@@ -93,8 +110,8 @@ class MemoryBudget {
   /// there are any.
   void on_crowded(std::function<bool()> hook) { crowded_ = std::move(hook); }
 
-  /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
-  /// there are any.
+  /// Called when memory that a process or a loan had is free for bakes, with no lock held. Set
+  /// once, before there are any.
   void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
 
  private:
@@ -111,12 +128,12 @@ class MemoryBudget {
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::map<std::string, std::uint64_t> reserved_;  ///< bytes by job
+  std::map<std::string, std::uint64_t> reserved_;  ///< bytes by job, or by the name of a loan
   std::uint32_t running_ = 0;                      ///< import processes
   std::uint64_t taken_ = 0;      ///< bytes taken by processes, beyond what is set aside
   std::uint64_t wanted_ = 0;     ///< likewise, by those that wait
   std::uint32_t impatient_ = 0;  ///< number that wait with patience
-  std::uint64_t last_ticket_ = 0;
+  std::uint64_t last_ticket_ = 0, last_loan_ = 0;
   std::set<std::uint64_t> line_;  ///< tickets of those that wait for memory
   std::list<std::weak_ptr<const std::function<void()>>> watches_;
 };

@@ -37,8 +37,8 @@ class Program : public testing::Test {
 TEST_F(Program, HelpAndVersion) {
   EXPECT_EQ(run("--help").code, 0);
   EXPECT_NE(run("--help").out.find("Examples:"), std::string::npos);
-  for (const char* command : {"bake", "scene", "compare", "submit", "status", "watch", "cancel",
-                              "fetch", "settings", "version"})
+  for (const char* command : {"bake", "scene", "compare", "view", "submit", "status", "watch",
+                              "cancel", "fetch", "settings", "version"})
     EXPECT_EQ(run(std::string(command) + " --help").code, 0) << command;
   EXPECT_EQ(run("version").out, "lightkiln " LIGHTKILN_VERSION "\n");
   EXPECT_EQ(run("--version").out, "lightkiln " LIGHTKILN_VERSION "\n");
@@ -227,6 +227,43 @@ TEST_F(Program, ComparisonsThatCantBeSayWhy) {
     EXPECT_EQ(result.code, c.code) << c.arguments;
     EXPECT_NE(result.err.find(c.says), std::string::npos) << c.arguments << "\n" << result.err;
   }
+}
+
+TEST_F(Program, DrawsWhatWasBaked) {
+  ASSERT_EQ(run("scene cornell -o c.glb").code, 0);
+  const auto baked =
+      run("bake c.glb -o out -q --set atlas.page_size=64 --set solver.samples=4 --set "
+          "solver.bounces=1 --set 'output.layers=[\"irradiance\",\"normal\"]'");
+  ASSERT_EQ(baked.code, 0) << baked.err;
+  EXPECT_TRUE(std::filesystem::exists(dir.path() / "out/page_00.normal.png"));
+  const auto light = run("view out -o light.png --size 64x48");
+  ASSERT_EQ(light.code, 0) << light.err;
+  EXPECT_NE(light.out.find("light.png: 64x48, irradiance, exposure "), std::string::npos)
+      << light.out;
+  EXPECT_TRUE(test::read_bytes(dir.path() / "light.png").starts_with("\x89PNG"));
+  for (const char* flags :
+       {"--layer normal --nearest", "--shaded", "--ortho --camera 0,9,0:0,0,0:3", "--threads 1",
+        "--scene c.glb --exposure 0.1"}) {
+    const auto drawn = run(std::string("view out -o other.png --size 32x32 ") + flags);
+    EXPECT_EQ(drawn.code, 0) << flags << "\n" << drawn.err;
+  }
+  for (const auto& [flags, words] :
+       std::vector<std::pair<std::string, std::string>>{{"--layer normals", "texel_checker"},
+                                                        {"--layer area", "output.layers"},
+                                                        {"--camera door", "x,y,z:tx,ty,tz"},
+                                                        {"--camera 1,2:3,4,5", "x,y,z:tx,ty,tz"},
+                                                        {"--size 5000x5", "4096"},
+                                                        {"--layer normal --shaded", "irradiance"},
+                                                        {"--exposure -1", "over 0"},
+                                                        {"--nearest --bilinear", "excludes"}}) {
+    const auto wrong = run("view out -o wrong.png " + flags);
+    EXPECT_EQ(wrong.code, 2) << flags << "\n" << wrong.err;
+    EXPECT_NE(wrong.err.find(words), std::string::npos) << flags << "\n" << wrong.err;
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir.path() / "wrong.png"));
+  const auto none = run("view nothing -o wrong.png");
+  EXPECT_EQ(none.code, 2);
+  EXPECT_NE(none.err.find("manifest.json"), std::string::npos) << none.err;
 }
 
 TEST_F(Program, ADarkSceneSaysWhatToDo) {

@@ -188,6 +188,26 @@ TEST_F(Bakes, APreviewWhileItRunsAndAfterwards) {
     EXPECT_EQ(curl("'" + job_url(id, std::string("/preview") + query) + "'").status, 400) << query;
 }
 
+TEST_F(Bakes, AViewOfTheFinishedJob) {
+  const std::string settings =
+      R"({"atlas":{"page_size":64},"solver":{"samples":8},"output":{"layers":["irradiance","normal"]}})";
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), settings);
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=30") + "'").body, "state"), "succeeded");
+  const Answer light = curl("'" + job_url(id, "/view?size=80x60") + "'");
+  EXPECT_EQ(light.status, 200) << light.body;
+  EXPECT_EQ(light.headers.at("content-type"), "image/png");
+  EXPECT_TRUE(light.body.starts_with("\x89PNG\r\n"));
+  const Answer again = curl("'" + job_url(id, "/view?size=80x60") + "'");
+  EXPECT_EQ(again.body, light.body) << "the same request, the same picture";
+  const Answer normal = curl("'" + job_url(id, "/view?size=80x60&layer=normal") + "'");
+  EXPECT_EQ(normal.status, 200) << normal.body;
+  EXPECT_NE(normal.body, light.body);
+  const Answer none = curl("'" + job_url(id, "/view?layer=albedo") + "'");
+  EXPECT_EQ(none.status, 404);
+  EXPECT_NE(none.body.find("/query/layer"), std::string::npos) << none.body;
+  EXPECT_EQ(curl("'" + job_url(id, "/view?camera=door") + "'").status, 404);
+}
+
 TEST_F(Bakes, ACancelTakesLessThanASecond) {
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
   EventStream stream(program.port(), id);

@@ -1,7 +1,11 @@
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
 
 #include "baker/generate/generate.h"
+#include "baker/image/image.h"
+#include "baker/output/layers.h"
 #include "baker/upload_reader.h"
 #include "proto/files.h"
 #include "proto/json.h"
@@ -126,6 +130,88 @@ TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
   ASSERT_EQ(baked.manifest.files.size(), 2u);
   EXPECT_EQ(baked.manifest.pages[0].preview, "");
   EXPECT_NE(test::read_bytes(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
+}
+
+std::vector<std::string> all_layers() {
+  std::vector<std::string> names;
+  for (const Layer& layer : layers()) names.emplace_back(layer.name);
+  return names;
+}
+
+TEST(WriteOutputs, EveryLayerHasAPicture) {
+  Baked baked;
+  baked.settings.output.layers = all_layers();
+  ASSERT_TRUE(baked.write());
+  std::set<std::string> listed;
+  for (const auto& file : baked.manifest.files) listed.insert(file.name);
+  for (const std::string& name : all_layers()) {
+    if (name == "irradiance") continue;  // the preview
+    const std::string file = "page_00." + name + ".png";
+    EXPECT_TRUE(listed.contains(file)) << file;
+    const std::string png = test::read_bytes(baked.out() / file);
+    ASSERT_TRUE(png.starts_with("\x89PNG")) << file;
+    const auto header = image::read_header(png);
+    ASSERT_TRUE(header);
+    EXPECT_EQ(header->size.width, 64u);
+  }
+  EXPECT_FALSE(listed.contains("page_00.irradiance.png"));
+}
+
+TEST(WriteOutputs, LayersOfTheSurfaceAreThoseOfItsTexels) {
+  Baked baked;
+  baked.settings.output.layers = all_layers();
+  baked.settings.output.precision = proto::Precision::kFloat;
+  for (std::uint32_t i = 0; i < baked.texels.size(); ++i)
+    baked.light.validity[i] = i % 2 == 0 ? 1.f : 0.25f;
+  ASSERT_TRUE(baked.write());
+  const auto layer = [&](const char* name) {
+    return image::read_exr(baked.out() / "page_00.exr", name).value();
+  };
+  const auto position = layer("position"), normal = layer("normal"), albedo = layer("albedo"),
+             area = layer("area"), coverage = layer("coverage"), validity = layer("validity"),
+             emission = layer("emission"), chart = layer("chart"), checker = layer("texel_checker");
+  const atlas::TextureGroup& texels = baked.texels;
+  const auto rgb = [](math::Vec3 v) { return math::Rgb{v.x, v.y, v.z}; };
+  std::uint32_t emitting = 0;
+  std::map<std::uint32_t, math::Rgb> colors;
+  for (std::uint32_t t = 0; t < texels.front_count; ++t) {
+    const std::size_t at = std::size_t(texels.y[t]) * position.width + texels.x[t];
+    EXPECT_EQ(position.rgb[at], rgb(texels.position[t]));
+    EXPECT_EQ(normal.rgb[at], rgb(texels.shading_normal[t]));
+    EXPECT_EQ(albedo.rgb[at], texels.albedo[t]);
+    EXPECT_EQ(area.rgb[at].g, texels.area_m2[t]);
+    EXPECT_EQ(coverage.rgb[at].b, texels.coverage[t]);
+    EXPECT_EQ(validity.rgb[at].r, t % 2 == 0 ? 1.f : 0.25f);
+    // A texel of the lamp has the light of the lamp's material, all others have none.
+    const math::Rgb emitted = baked.scene.material_of(texels.triangle[t]).emission;
+    EXPECT_NEAR(emission.rgb[at].r, emitted.r, 1e-4f * emitted.r) << t;
+    emitting += !is_black(emission.rgb[at]);
+    const auto [color, is_new] = colors.try_emplace(texels.chart[t], chart.rgb[at]);
+    EXPECT_EQ(color->second, chart.rgb[at]) << "one color a chart";
+    const std::int32_t right = texels.neighbor(t, 1, 0);
+    if (right != atlas::kNoTexel) {
+      const float difference = luminance(checker.rgb[at]) - luminance(checker.rgb[at + 1]);
+      EXPECT_GT(std::abs(difference), 0.3f);
+    }
+  }
+  EXPECT_GT(emitting, 0u);
+  EXPECT_LT(emitting, texels.front_count);
+  ASSERT_GT(colors.size(), 1u);
+  for (const auto& [a, color] : colors)
+    for (const auto& [b, other] : colors)
+      if (a != b) {
+        EXPECT_NE(color, other) << a << " " << b;
+      }
+}
+
+TEST(WriteOutputs, APositionBeyondHalfIsWrittenAsFloat) {
+  Baked baked;
+  baked.settings.output.layers = {"irradiance", "position"};
+  for (auto& p : baked.texels.position) p.z -= 100'000;
+  ASSERT_TRUE(baked.write());
+  ASSERT_EQ(baked.manifest.warnings.size(), 1u);
+  EXPECT_EQ(baked.manifest.warnings[0].code, "half_overflow");
+  EXPECT_NE(baked.manifest.warnings[0].message.find("position"), std::string::npos);
 }
 
 TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {
