@@ -6,6 +6,7 @@
 
 #include "baker/lightmap/lightmap.h"
 #include "baker/methods.h"
+#include "baker/reference.h"
 
 namespace kiln::baker {
 namespace {
@@ -26,6 +27,7 @@ constexpr double kSquare = 8;
 // While one page is written: an image for each layer; padding, encoders, and the samples of two PNG
 // files and a row of tiles, which the processes that encode them copy.
 constexpr double kImage = 16, kEncoders = 48;
+constexpr double kPicture = 3;  ///< of a report
 /// What the allocator holds on to.
 constexpr double kSlack = 1.15;
 
@@ -90,6 +92,19 @@ Size size_of(const Surface& surface, const proto::AtlasSettings& atlas) {
   return size;
 }
 
+/// What the method of a report takes, which no filter smooths.
+double reference_bytes(const proto::BakeSettings& settings, proto::Method id, double texels) {
+  const proto::SolverSettings solver = reference_settings(settings, id);
+  const Method& method = method_of(id);
+  const MethodMemory own =
+      method.memory(solver, method.plan(solver, settings.quality, false), texels);
+  const lightmap::Lightmap none(1);
+  const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
+  const double solving = std::max(own.all_passes + texels * own.texel_pass,
+                                  texels * (own.texel_complete + kSignal + kVariance));
+  return texels * light + solving;
+}
+
 }  // namespace
 
 std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettings& settings) {
@@ -109,7 +124,14 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
   const double writing =
       base + filtered + page * (kImage * double(1 + settings.output.layers.size()) + kEncoders);
-  const double most = std::max({bouncing, filtering, writing}) + squares * kSquare +
+  double reporting = 0;
+  if (settings.report.against) {
+    const auto id = settings.report.method();
+    if (id) reporting = base + filtered + reference_bytes(settings, *id, texels);
+    reporting = std::max(reporting, base + filtered + (id ? texels * sizeof(math::Rgb) : 0) +
+                                        page * (2 * kImage + kPicture + kEncoders));
+  }
+  const double most = std::max({bouncing, filtering, writing, reporting}) + squares * kSquare +
                       double(scene.triangles.size()) * kTriangle + scene_bytes(scene);
   return kProcessBytes + std::uint64_t(kSlack * most);
 }

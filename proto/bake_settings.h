@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kiln::proto {
@@ -83,6 +84,12 @@ inline constexpr std::array kMethodNames{
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
+}
+/// Returns the method of that name, or nothing.
+inline std::optional<Method> method_named(std::string_view name) {
+  for (std::size_t i = 0; i < kMethodNames.size(); ++i)
+    if (name == kMethodNames[i].name) return static_cast<Method>(i);
+  return std::nullopt;
 }
 
 /// The layers that a page may have. baker/output/layers.h says what each shows of a texel.
@@ -163,7 +170,7 @@ struct SolverSettings {
   std::optional<float> max_contribution, max_view_factor;
   /// Senders are the leaves of a quadtree whose gradient stays below this; null: no quadtree.
   std::optional<float> subdivision_threshold;
-  float subdivision_ramp = 0;             ///< added to the threshold after every pass
+  float subdivision_ramp = 0;              ///< added to the threshold after every pass
   std::uint32_t subdivision_max_node = 8;  ///< longest side of a leaf, texels
   VisibilityKind visibility = VisibilityKind::kRay;
   std::uint32_t visibility_cache_mib = 256;  ///< memory for remembered visibility (cached)
@@ -226,6 +233,15 @@ struct OutputSettings {
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
 };
 
+struct ReportSettings {
+  std::optional<std::string> against;  ///< a method, or the name of a side file; null: no report
+  std::uint32_t samples = 256;         ///< of the method, per texel
+  float error_scale = 10;              ///< factor on the error in the error maps
+
+  /// Returns the method that `against` names, if it names one.
+  std::optional<Method> method() const { return against ? method_named(*against) : std::nullopt; }
+};
+
 struct BakeSettings {
   AtlasSettings atlas;
   QualitySettings quality;
@@ -235,6 +251,7 @@ struct BakeSettings {
   bool allow_dark = false;  ///< bake a scene without any light instead of the error `no_light`
   PostSettings post;
   OutputSettings output;
+  ReportSettings report;
 };
 
 }  // namespace kiln::proto
