@@ -6,6 +6,7 @@
 
 #include "baker/lightmap/lightmap.h"
 #include "baker/methods.h"
+#include "baker/reference.h"
 
 namespace kiln::baker {
 namespace {
@@ -80,6 +81,19 @@ Size size_of(const Surface& surface, const proto::AtlasSettings& atlas) {
   return size;
 }
 
+/// What the method of a report takes, which no filter smooths.
+double reference_bytes(const proto::BakeSettings& settings, proto::Method id, double texels) {
+  const proto::SolverSettings solver = reference_settings(settings, id);
+  const Method& method = method_of(id);
+  const MethodMemory own =
+      method.memory(solver, method.plan(solver, settings.quality, false), texels);
+  const lightmap::Lightmap none(1);
+  const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
+  const double solving = std::max(own.all_passes + texels * own.texel_pass,
+                                  texels * (own.texel_complete + kSignal + kVariance));
+  return texels * light + solving;
+}
+
 }  // namespace
 
 std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettings& settings) {
@@ -107,7 +121,14 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const double writing =
       base + filtered +
       page * (kImage * double(1 + layers.size()) + kEncoders + kPicture * double(pictures));
-  const double most = std::max({bouncing, filtering, writing}) + squares * kSquare +
+  double reporting = 0;
+  if (settings.report.against) {
+    const auto id = settings.report.method();
+    if (id) reporting = base + filtered + reference_bytes(settings, *id, texels);
+    reporting = std::max(reporting, base + filtered + (id ? texels * sizeof(math::Rgb) : 0) +
+                                        page * (2 * kImage + kPicture + kEncoders));
+  }
+  const double most = std::max({bouncing, filtering, writing, reporting}) + squares * kSquare +
                       double(scene.triangles.size()) * kTriangle +
                       double(scene::memory_bytes(scene)) +
                       double(scene.sky_map.texels.size()) * kSkyPixel;

@@ -23,14 +23,17 @@ solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassRe
 SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
                            std::shared_ptr<const atlas::TextureGroup> texels,
                            const solver::SolveStart& start, checkpoint::CheckpointWriter& writer,
-                           BakeObserver& observer, progress::ProgressReporter& reporter)
+                           BakeObserver& observer, progress::ProgressReporter& reporter,
+                           const solver::Work& reference)
     : input_(input),
+      solver_(solver),
       texels_(std::move(texels)),
       writer_(writer),
       observer_(observer),
       reporter_(reporter),
       passes_(start.passes),
-      eta_(work_of(solver, start.passes)) {
+      eta_(work_of(solver, start.passes)),
+      elsewhere_(solver::Work::other(solver::work::kOutput) + reference) {
   for (const auto& p : passes_)
     if (p.residual > 0) residual_ = p.residual;
   if (passes_.empty()) return;
@@ -62,10 +65,23 @@ SolveHooks SolveSession::hooks() {
   return hooks;
 }
 
+SolveHooks SolveSession::reference_hooks() {
+  elsewhere_ = solver::Work::other(solver::work::kOutput) + work_of(solver_, passes_);
+  SolveHooks hooks;
+  hooks.on_batch = [this](const SolveProgress& progress) { on_batch(progress); };
+  hooks.on_pass = [this](
+                      const solver::PassPlan& plan, const proto::PassReport&,
+                      const std::shared_ptr<const lightmap::Lightmap>&) -> proto::Expected<void> {
+    eta_.end_pass(plan);
+    return {};
+  };
+  return hooks;
+}
+
 void SolveSession::on_batch(const SolveProgress& at) {
   const solver::PassPlan& plan = at.pass.plan();
   const double share = at.pass.work_share(double(at.done) / at.total);
-  const auto ahead = eta_.ahead(plan, share, at.work + solver::Work::other(solver::work::kOutput));
+  const auto ahead = eta_.ahead(plan, share, at.work + elsewhere_);
   proto::JobProgress p;
   p.pass = plan.index;
   p.max_passes = at.max_passes;

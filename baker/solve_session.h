@@ -19,12 +19,16 @@ inline constexpr double kImportedAt = 0.05, kSolvingFrom = 0.15, kSolvedAt = 0.9
 class SolveSession {
  public:
   /// Reports to the observer what `start` already holds. All arguments outlive the session.
+  /// @param reference the work of a reference that is made after the solve
   SolveSession(const BakeInput&, const solver::Solver&, std::shared_ptr<const atlas::TextureGroup>,
                const solver::SolveStart& start, checkpoint::CheckpointWriter&, BakeObserver&,
-               progress::ProgressReporter&);
+               progress::ProgressReporter&, const solver::Work& reference = {});
 
   /// Returns the hooks for solve(). They refer to the session.
   SolveHooks hooks();
+  /// Returns the hooks for the solve of a reference, after the bake's own: they report progress and
+  /// nothing else.
+  SolveHooks reference_hooks();
 
  private:
   void on_batch(const SolveProgress&);
@@ -34,6 +38,7 @@ class SolveSession {
                                lightmap::Lightmap& after);
 
   const BakeInput& input_;
+  const solver::Solver& solver_;
   const std::shared_ptr<const atlas::TextureGroup> texels_;
   checkpoint::CheckpointWriter& writer_;
   BakeObserver& observer_;
@@ -41,6 +46,7 @@ class SolveSession {
   std::vector<proto::PassReport> passes_;
   double residual_ = 1;
   progress::EtaEstimator eta_;
+  solver::Work elsewhere_;  ///< what there is to do, or was, beside the solve under way
 };
 
 }  // namespace kiln::baker

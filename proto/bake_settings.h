@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace kiln::proto {
@@ -86,6 +87,12 @@ inline constexpr std::array kMethodNames{
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
+}
+/// Returns the method of that name, or nothing.
+inline std::optional<Method> method_named(std::string_view name) {
+  for (std::size_t i = 0; i < kMethodNames.size(); ++i)
+    if (name == kMethodNames[i].name) return static_cast<Method>(i);
+  return std::nullopt;
 }
 
 /// The layers that a page may have. baker/output/layers.h says what each shows of a texel.
@@ -241,6 +248,15 @@ struct OutputSettings {
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
 };
 
+struct ReportSettings {
+  std::optional<std::string> against;  ///< a method, or the name of a side file; null: no report
+  std::uint32_t samples = 256;         ///< of the method, per texel
+  float error_scale = 10;              ///< factor on the error in the error maps
+
+  /// Returns the method that `against` names, if it names one.
+  std::optional<Method> method() const { return against ? method_named(*against) : std::nullopt; }
+};
+
 struct BakeSettings {
   AtlasSettings atlas;
   QualitySettings quality;
@@ -250,6 +266,7 @@ struct BakeSettings {
   bool allow_dark = false;  ///< bake a scene without any light instead of the error `no_light`
   PostSettings post;
   OutputSettings output;
+  ReportSettings report;
 };
 
 }  // namespace kiln::proto

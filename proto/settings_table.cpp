@@ -119,6 +119,7 @@ const std::vector<SettingGroup>& setting_groups() {
       {"sky", "Light from outside the scene"},
       {"post", "Changes to a finished page"},
       {"output", "Files to write"},
+      {"report", "Comparison of the result with a reference"},
   };
   return groups;
 }
@@ -427,6 +428,22 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .unit = "1/lx",
            .description = "Factor on irradiance before the preview's tone curve. null: the 95th "
                           "percentile of lit texels becomes bright."}),
+      row<[](auto& s) -> auto& { return s.report.against; }>(
+          {.path = "report.against", .kind = kText, .max = 1024, .nullable = true,
+           .description = "What the result is compared with, in report.json, error maps, contours and "
+                          "histograms: the name of a method, which bakes the same texels after the "
+                          "bake; or the name of a side file of the scene, an OpenEXR page of "
+                          "the same size. Of several pages it names page_00.exr, or what ends in "
+                          "another number, and the others follow by theirs. null: no report."}),
+      row<[](auto& s) -> auto& { return s.report.samples; }>(
+          {.path = "report.samples", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "samples/texel",
+           .description = "Paths or directions, and shadow rays, of the method that report.against "
+                          "names. Their seed is another one than the bake's."}),
+      row<[](auto& s) -> auto& { return s.report.error_scale; }>(
+          {.path = "report.error_scale", .kind = kNumber, .min = 1e-3, .max = 1e6,
+           .description = "Factor on the error in the error maps: at 1, white is the reference's "
+                          "largest value."}),
   };
   return rows;
 }

@@ -292,6 +292,11 @@ proto::Expected<void> OpenedScene::check(const proto::BakeSettings& settings,
     if (auto found = check_sky_map(document, *settings.sky.map, limits); !found) return found;
     lights.sky_map = {2, 1, {{1, 1, 1}, {1, 1, 1}}};  // what it shows is not known yet
   }
+  if (settings.report.against && !settings.report.method()) {
+    const auto file =
+        document.files.named_file(*settings.report.against, "settings", "/report/against");
+    if (!file) return Unexpected(file.error());
+  }
   if (auto added = add_punctual_lights(lights, document, placed, limits); !added) return added;
   if (auto added = add_settings_lights(lights, settings, stop); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;

@@ -18,6 +18,7 @@
 #include "baker/image/page_image.h"
 #include "baker/lightmap/lightmap.h"
 #include "baker/output/post.h"
+#include "baker/output/report.h"
 #include "baker/scene/scene.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -44,6 +45,7 @@ struct OutputInput {
   const atlas::TextureGroup& texels;
   const lightmap::Lightmap& light;
   const denoise::FilteredLight& filtered;
+  Reference reference = {};  ///< of the report; without a page there is no report
 };
 /// Writes all files that the settings ask for into `dir`. Each is written as a temporary that is
 /// flushed, then renamed when it is whole; the files of a page are written at the same time. Fills

@@ -59,6 +59,7 @@ class Writer {
       if (auto ok = write_page(p); !ok) return ok;
     fill_nodes();
     if (auto ok = write_lit_scene(); !ok) return ok;
+    if (auto ok = write_report(); !ok) return ok;
     return write_manifest();
   }
 
@@ -311,6 +312,17 @@ class Writer {
         !ok)
       return ok;
     return add_file("lit.glb", "model/gltf-binary");
+  }
+
+  proto::Expected<void> write_report() {
+    if (!in_.reference.page) return {};
+    const auto files = output::write_report(
+        dir_, in_.reference, std::uint32_t(in_.texels.pages.size()),
+        [&](std::uint32_t page) { return compose(page, irradiance_); }, settings_.report, stop_);
+    if (!files) return Unexpected(files.error());
+    for (const ReportFile& file : *files)
+      if (auto ok = add_file(file.name, file.media_type); !ok) return ok;
+    return {};
   }
 
   /// Writes manifest.json. It cannot hold its own hash, so it lists the other files, and only the

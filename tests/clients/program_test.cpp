@@ -60,7 +60,11 @@ TEST_F(Program, BakesStateTheirMemoryBeforeTheyTakeIt) {
              "--set post.filter=false"},
         Case{"room_textured",
              "--set atlas.page_size=512 --set "
-             "solver.method=path --set solver.samples=16"}}) {
+             "solver.method=path --set solver.samples=16"},
+        Case{"cornell", "--set atlas.page_size=96 --set report.against=matrix"},
+        Case{"courtyard",
+             "--set atlas.page_size=512 --set solver.samples=16 --set report.against=path "
+             "--set report.samples=2"}}) {
     const std::string name = std::string(c.scene) + " " + c.settings;
     ASSERT_EQ(run(std::string("scene ") + c.scene + " -o s.glb").code, 0);
     const auto baked = run(std::string("bake s.glb -o out --json ") + c.settings);
@@ -164,6 +168,24 @@ TEST_F(Program, ComparesFoldersAndLayersAndWritesPictures) {
   // Three bakes of one kind: each has the noise that two of them tell of a third.
   EXPECT_NEAR(unbiased["nrmse"].get<double>() / unbiased["noise"].get<double>(), 1, 0.3);
   EXPECT_NE(run("compare 1 2 --second-reference 3").out.find("unbiased"), std::string::npos);
+}
+
+TEST_F(Program, ReportsAgainstAFileThatLiesBesideTheScene) {
+  ASSERT_EQ(run("scene cornell -o s.glb").code, 0);
+  const std::string bake =
+      "bake s.glb -q --set atlas.page_size=64 --set solver.samples=4 --set solver.direct_samples=4 "
+      "--set solver.bounces=1 -o ";
+  ASSERT_EQ(run(bake + "a").code, 0);
+  std::filesystem::copy_file(dir.path() / "a/page_00.exr", dir.path() / "ref.exr");
+  const auto baked = run(bake + "b --set solver.seed=2 --set report.against=ref.exr");
+  ASSERT_EQ(baked.code, 0) << baked.err;
+  const auto report = nlohmann::json::parse(test::read_bytes(dir.path() / "b/report.json"));
+  const auto figures = nlohmann::json::parse(run("compare --json a b").out);
+  // The page that compare reads has lost some bits to half floats.
+  EXPECT_NEAR(report["figures"]["nrmse"].get<double>() / figures["nrmse"].get<double>(), 1, 1e-3);
+  const auto missing = run(bake + "c --set report.against=none.exr");
+  EXPECT_EQ(missing.code, 2);
+  EXPECT_NE(missing.err.find("/report/against"), std::string::npos) << missing.err;
 }
 
 TEST_F(Program, KeepsPassesAndShowsHowTheyConverge) {

@@ -64,10 +64,14 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "allow_dark": true,
     "post": {"filter": false, "dilate": 0},
     "output": {"precision": "float", "layers": ["indirect", "direct"], "formats": ["glb"],
-               "exposure": 0.0125}})";
+               "exposure": 0.0125},
+    "report": {"against": "refs/page_00.exr", "samples": 12, "error_scale": 2.5}})";
   const auto settings = parse_settings(text);
   ASSERT_TRUE(settings) << settings.error().message;
   EXPECT_EQ(to_json(*settings), json::parse(text));
+  EXPECT_FALSE(settings->report.method());
+  EXPECT_EQ(parse_settings(R"({"report": {"against": "matrix"}})")->report.method(),
+            Method::kMatrix);
   EXPECT_EQ(settings->solver.seed, (1ull << 53) - 1);
   EXPECT_EQ(settings->atlas.unwrap, Unwrap::kExisting);
   EXPECT_EQ(settings->solver.method, Method::kPath);
