@@ -155,6 +155,8 @@ constexpr std::array kMethods{
            solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
     Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
            solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
+    Method{proto::Method::kLinks, solver::pairwise::make_pairwise_solver, solver::fixed_plan,
+           /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {

@@ -65,7 +65,7 @@ inline float target_error(const QualitySettings& q) {
   return q.target_error.value_or(target_error(q.preset));
 }
 
-enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap, kDirectional };
+enum class Method { kGather, kPath, kPairwise, kMatrix, kRadiosityMap, kDirectional, kLinks };
 
 /// A word of the settings and what it means, for the schema and the documentation.
 struct Word {
@@ -84,6 +84,7 @@ inline constexpr std::array kMethodNames{
     Word{"radiosity_map",
          "a sample of every texel at a time, each reading the mean of those before."},
     Word{"directional", "a fixed set of directions for every texel, traced in every bounce."},
+    Word{"links", "hierarchical radiosity: groups of texels exchange light over links."},
 };
 constexpr const char* to_string(Method m) {
   return kMethodNames[static_cast<std::size_t>(m)].name;
@@ -114,6 +115,17 @@ inline constexpr std::array kLayerNames{
     Word{"validity", "the share of the texel that is not inside other geometry."},
     Word{"chart", "a color for each chart."},
     Word{"texel_checker", "a checkerboard of the texels."},
+    Word{"mip",
+         "the radiosity of the window that the texel is in, as the mipmap of undersampling has it, "
+         "lx."},
+    Word{"tree",
+         "the side of the leaf of the quadtree that the texel is in, texels; solver.pairwise or "
+         "links."},
+    Word{"senders", "the area that the texel sends light for in a bounce, m2 (pairwise)."},
+    Word{"voxels",
+         "a color for each voxel of solver.voxel_grid that is filled; black where it is empty, "
+         "which is a hole for the march through voxels."},
+    Word{"error", "the difference to the reference that report.against names, lx."},
 };
 
 /// Selects the rays that are traced together, sixteen at a time (gather).
@@ -202,6 +214,7 @@ struct SolverSettings {
   LightSampling light_sampling = LightSampling::kUniform;
   bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
   Emitters emitters = Emitters::kExplicit;
+  float link_error = 0.01f;  ///< most light that a link may be off by; see the settings' table
   bool allow_expensive = false;  ///< bake what is refused as `too_expensive`
 
   bool uses(Technique t) const {
@@ -246,6 +259,9 @@ struct OutputSettings {
   std::vector<std::string> layers{"irradiance"};  ///< see the settings' table
   std::vector<std::string> formats{"exr", "png", "glb"};
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
+  /// k of the previews' curve c / (k + c), with c over the brightest value; null: the own curve.
+  std::optional<float> tone_curve;
+  float preview_fade = 1;  ///< share of the way to the computed light that a preview goes
 };
 
 struct ReportSettings {

@@ -380,6 +380,11 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
                           "emitting texels send light as any texel does, as in RTRad, and it "
                           "counts as indirect light (pairwise; other methods refuse it)."}),
+      row<[](auto& s) -> auto& { return s.solver.link_error; }>(
+          {.path = "solver.link_error", .kind = kNumber, .min = 1e-6, .max = 1,
+           .description = "Light that one link between groups of texels may be off by, as a share of "
+                          "the brightest direct radiosity, the group's part of a receiver's view "
+                          "included (links)."}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
@@ -428,6 +433,16 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .unit = "1/lx",
            .description = "Factor on irradiance before the preview's tone curve. null: the 95th "
                           "percentile of lit texels becomes bright."}),
+      row<[](auto& s) -> auto& { return s.output.tone_curve; }>(
+          {.path = "output.tone_curve", .kind = kNumber, .min = 1e-3, .max = 10, .nullable = true,
+           .description = "k of the curve c / (k + c) that previews then have, where c is a value over "
+                          "the page's brightest and output.exposure does not count; 0.02 to 0.1 shows "
+                          "dark rooms. null: the curve with output.exposure."}),
+      row<[](auto& s) -> auto& { return s.output.preview_fade; }>(
+          {.path = "output.preview_fade", .kind = kNumber, .min = 0.01, .max = 1,
+           .description = "Share of the way from the light that the preview before has shown to the "
+                          "light of the pass that a preview of a bake which runs goes: below 1 the "
+                          "pictures fade into each other. The result does not hang on it."}),
       row<[](auto& s) -> auto& { return s.report.against; }>(
           {.path = "report.against", .kind = kText, .max = 1024, .nullable = true,
            .description = "What the result is compared with, in report.json, error maps, contours and "

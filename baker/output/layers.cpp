@@ -116,6 +116,11 @@ constexpr std::array kLayers{
     Layer{"validity", validity, Shown::kShare},
     Layer{"chart", chart, Shown::kColor},
     Layer{"texel_checker", texel_checker, Shown::kColor},
+    Layer{"mip", area, Shown::kOwnLight},
+    Layer{"tree", area, Shown::kOverMaximum},
+    Layer{"senders", area, Shown::kOverMaximum},
+    Layer{"voxels", area, Shown::kColor},
+    Layer{"error", area, Shown::kOwnLight},
 };
 static_assert(std::ranges::equal(
                   kLayers, proto::kLayerNames, {},
