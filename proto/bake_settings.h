@@ -183,6 +183,7 @@ struct SolverSettings {
   std::uint64_t seed = 1;    ///< below 2^53, so that JSON keeps it
   std::vector<Technique> without{};
   std::uint32_t pair_samples = 1;  ///< pairs of points for a view factor (pairwise, matrix)
+  bool near_field = true;          ///< mean view factors of texels that are near to each other
   float reflectivity_factor = 1;   ///< factor on every albedo (pairwise, matrix)
   float distance_factor = 1;       ///< factor on distances in view factors (pairwise, matrix)
   /// Texels of a chart that lie less than so many texels apart in x and in y exchange no light

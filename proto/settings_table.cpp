@@ -242,6 +242,12 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Pairs of points between which the view factor of two texels is taken "
                           "(pairwise, matrix). 1: the middles of the texels. More: random pairs of "
                           "their sixteen points each."}),
+      row<[](auto& s) -> auto& { return s.solver.near_field; }>(
+          {.path = "solver.near_field", .kind = kBoolean,
+           .description = "Take the view factor of two texels that are nearer to each other than four "
+                          "of their widths as the mean over all 256 pairs of their points (pairwise, "
+                          "matrix, links). false: by the formula for pairs of points alone, as in "
+                          "RTRad, which brightens corners."}),
       row<[](auto& s) -> auto& { return s.solver.reflectivity_factor; }>(
           {.path = "solver.reflectivity_factor", .kind = kNumber, .min = 0, .max = 1,
            .description = "Factor on every albedo (pairwise, matrix). 1: the scene's own."}),
