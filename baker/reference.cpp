@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <memory>
 #include <utility>
 
 #include "baker/gltf/uri.h"
@@ -75,10 +76,11 @@ Expected<ReferenceBake> ReferenceBake::check(const BakeInput& input, const Prepa
     if (auto ok = check_cost(solver, bake.texels->size()); !ok)
       return fail("too_expensive", "The report's reference: " + ok.error().message);
     const bool many_lights = solver::direct::DirectLight::are_many(*bake.lights);
-    out.world_.emplace(*bake.world);
-    out.world_->settings = solver;
-    out.world_->plan = sample_plan(solver, settings.quality, many_lights);
-    out.world_->filter = false;
+    auto world = std::make_shared<solver::World>(*bake.world);
+    world->settings = solver;
+    world->plan = sample_plan(solver, settings.quality, many_lights);
+    world->filter = false;
+    out.world_ = std::move(world);
     return out;
   }
   for (std::uint32_t p = 0; p < bake.texels->pages.size(); ++p) {

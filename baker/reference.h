@@ -1,6 +1,9 @@
 #pragma once
 
+#include <memory>
+#include <optional>
 #include <stop_token>
+#include <string>
 
 #include "baker/bake.h"
 #include "baker/output/report.h"
@@ -41,7 +44,7 @@ class ReferenceBake {
 
   const BakeInput* input_;
   const PreparedBake* bake_;
-  std::optional<solver::World> world_;  ///< of the method, if there is one
+  std::shared_ptr<const solver::World> world_;  ///< of the method, if there is one
 };
 
 /// Returns the name of the file that holds a page, where `first` holds page 0: "page_02.exr" for

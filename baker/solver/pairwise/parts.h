@@ -20,7 +20,7 @@ struct Parts {
         senders(w, patches),
         emittance(are_senders(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
         visibility(make_visibility(w)),
-        factors(patches, *visibility, w.settings.distance_factor) {}
+        factors(w, patches, *visibility) {}
   Parts(const Parts&) = delete;
   Parts& operator=(const Parts&) = delete;
 

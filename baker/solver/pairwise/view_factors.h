@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <optional>
 
+#include "baker/solver/pairwise/near_field.h"
 #include "baker/solver/pairwise/patches.h"
 #include "baker/solver/pairwise/seen_pairs.h"
 #include "baker/solver/pairwise/senders.h"
@@ -20,9 +22,11 @@ namespace kiln::solver::pairwise {
 /// the sender stands for, see Sender.
 ///
 /// The formula holds for A_j much smaller than r². Nearer texels it overstates, without a limit as
-/// r falls to zero; so A_i F_ij, which is A_j F_ji, is held down to the smaller of the two areas,
-/// which no view factor exceeds. That keeps bounces from growing between surfaces that lie closer
-/// to each other than their texels are wide.
+/// r falls to zero. So with `solver.near_field` the mean over the pairs of points takes its place
+/// where both are texels and near to each other (NearField), times the visible share of the
+/// formula's own pairs; no further ray is traced. In any case A_i F_ij, which is A_j F_ji, is held
+/// down to the smaller of the two areas, which no view factor exceeds. That keeps bounces from
+/// growing between surfaces that lie closer to each other than their texels are wide.
 ///
 /// Where shading normals are those of the surface, A_i F_ij = A_j F_ji bit for bit [RTRad
 /// eq. 2.36]: both are taken from the same pairs of points, and a segment is traced from the texel
@@ -32,14 +36,18 @@ class ViewFactors {
   /// Both ways of a pair.
   struct Factors {
     float forth = 0, back = 0;  ///< F_ij and F_ji
+
+    void operator+=(Factors f) { forth += f.forth, back += f.back; }
   };
 
-  /// Both outlive this.
-  ViewFactors(const Patches& patches, const trace::Visibility& visibility, float distance_factor)
+  /// All outlive this.
+  ViewFactors(const World& world, const Patches& patches, const trace::Visibility& visibility)
       : patches_(patches),
         visibility_(visibility),
-        scale_(1 /
-               (math::kPi * distance_factor * distance_factor * float(patches.pair_samples()))) {}
+        scale_(1 / (math::kPi * world.settings.distance_factor * world.settings.distance_factor)),
+        per_sample_(1 / float(patches.pair_samples())) {
+    if (world.settings.near_field) near_.emplace(world);
+  }
 
   /// Calls `use(s, F)` for the senders that give light to texel i, in their order; `s` is the place
   /// in the list. Pairs of points that turn away from each other are skipped before they are
@@ -71,6 +79,8 @@ class ViewFactors {
 
     std::uint32_t texel(std::uint32_t j) const { return j; }
     float area_m2(std::uint32_t j) const { return patches.area_m2(j); }
+    /// Returns whether the end is a texel that stands for itself alone.
+    bool is_texel(std::uint32_t) const { return true; }
     const Patches::Point& point(std::uint32_t j, std::uint32_t i) const {
       return patches.point(j, i);
     }
@@ -81,6 +91,10 @@ class ViewFactors {
 
     std::uint32_t texel(std::uint32_t s) const { return senders.list[s].texel; }
     float area_m2(std::uint32_t s) const { return senders.list[s].area_m2; }
+    bool is_texel(std::uint32_t s) const {
+      const Sender& sender = senders.list[s];
+      return sender.point == Sender::kTexelsOwn && sender.area_m2 == patches.area_m2(sender.texel);
+    }
     const Patches::Point& point(std::uint32_t s, std::uint32_t i) const {
       const Sender& sender = senders.list[s];
       return sender.point == Sender::kTexelsOwn ? patches.point(sender.texel, i)
@@ -157,8 +171,8 @@ class ViewFactors {
       const std::uint32_t blocked = packet_.count > 0 ? of_.visibility_.blocked(packet_) : 0;
       for (std::uint32_t s = 0; s < count_; ++s) {
         if (j_[s] != last_) pass_on(), last_ = j_[s];
-        if (blocked >> lane_[s] & 1) continue;
-        sum_.forth += kernel_[s].forth, sum_.back += kernel_[s].back;
+        all_ += kernel_[s];
+        if (!(blocked >> lane_[s] & 1)) sum_ += kernel_[s];
       }
       traced_ += packet_.count;
       packet_.count = count_ = 0;
@@ -166,10 +180,21 @@ class ViewFactors {
     void pass_on() {
       if (sum_.forth > 0 || sum_.back > 0) {
         const float a_i = of_.patches_.area_m2(i_), a_j = others_.area_m2(last_);
-        use_(last_, Factors{std::min(sum_.forth * of_.scale_ * a_j, std::min(1.f, a_j / a_i)),
-                            std::min(sum_.back * of_.scale_ * a_i, std::min(1.f, a_i / a_j))});
+        const Factors mean = mean_kernel();
+        use_(last_, Factors{std::min(mean.forth * of_.scale_ * a_j, std::min(1.f, a_j / a_i)),
+                            std::min(mean.back * of_.scale_ * a_i, std::min(1.f, a_i / a_j))});
       }
-      sum_ = {};
+      sum_ = all_ = {};
+    }
+    /// Returns the mean over the samples of the last pair, what is hidden left out.
+    Factors mean_kernel() {
+      const std::uint32_t j = others_.texel(last_);
+      if (!of_.near_ || !others_.is_texel(last_) || !of_.near_->is_near(i_, j))
+        return {sum_.forth * of_.per_sample_, sum_.back * of_.per_sample_};
+      if (!points_) points_ = of_.near_->points(i_);
+      const NearField::Kernel all = NearField::mean(*points_, of_.near_->points(j));
+      return {sum_.forth > 0 ? all.forth * (sum_.forth / all_.forth) : 0,
+              sum_.back > 0 ? all.back * (sum_.back / all_.back) : 0};
     }
 
     const ViewFactors& of_;
@@ -180,13 +205,15 @@ class ViewFactors {
     std::uint32_t j_[16]{}, lane_[16]{}, count_ = 0;
     Factors kernel_[16];
     std::uint32_t last_ = 0;
-    Factors sum_;
+    Factors sum_, all_;                        ///< kernels of the last pair: seen, and hidden too
+    std::optional<NearField::Points> points_;  ///< of texel i, once a near one needs them
     std::uint64_t traced_ = 0;
   };
 
   const Patches& patches_;
   const trace::Visibility& visibility_;
-  const float scale_;
+  const float scale_, per_sample_;
+  std::optional<NearField> near_;  ///< none: the formula everywhere
 };
 
 }  // namespace kiln::solver::pairwise
