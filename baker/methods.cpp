@@ -8,6 +8,7 @@
 
 #include "baker/solver/directional/directional.h"
 #include "baker/solver/gather/gather.h"
+#include "baker/solver/links/links.h"
 #include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
 #include "baker/solver/radiosity_map/radiosity_map.h"
@@ -82,10 +83,21 @@ MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
   return memory;
 }
 
-MethodMemory directional_memory(const proto::SolverSettings&, const solver::SamplePlan&, double) {
+MethodMemory directional_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
+                                double) {
+  const double own = solver::directional::directional_memory_per_texel(settings);
   MethodMemory memory;
-  memory.texel_pass = kBouncedPlanes + solver::directional::directional_memory_per_texel();
-  memory.texel_complete = kSampledPlanes + solver::directional::directional_memory_per_texel();
+  memory.texel_pass = kBouncedPlanes + own;
+  memory.texel_complete = kSampledPlanes + own;
+  return memory;
+}
+
+MethodMemory links_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
+                          double texels) {
+  MethodMemory memory;
+  memory.all_passes = solver::links::links_memory(settings, texels);
+  memory.texel_pass = kBouncedPlanes;
+  memory.texel_complete = kSampledPlanes;
   return memory;
 }
 
@@ -155,8 +167,8 @@ constexpr std::array kMethods{
            solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
     Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
            solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
-    Method{proto::Method::kLinks, solver::pairwise::make_pairwise_solver, solver::fixed_plan,
-           /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
+    Method{proto::Method::kLinks, solver::links::make_links_solver, solver::fixed_plan,
+           /*adaptive=*/false, /*filtered=*/false, links_memory},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {

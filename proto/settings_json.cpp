@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <nlohmann/json.hpp>
 
@@ -201,10 +202,13 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
                                       std::to_string(s.atlas.page_size) + "), found " +
                                       std::to_string(s.atlas.gutter));
   const SolverSettings& solver = s.solver;
-  if (solver.emitters == Emitters::kTransport && solver.method != Method::kPairwise)
-    problems.add("/solver/emitters", std::string("expected \"explicit\" with method \"") +
-                                         to_string(solver.method) +
-                                         "\"; only pairwise takes \"transport\"");
+  constexpr std::array kTransporting{Method::kPairwise, Method::kMatrix, Method::kDirectional,
+                                     Method::kLinks};
+  if (solver.emitters == Emitters::kTransport &&
+      std::ranges::find(kTransporting, solver.method) == kTransporting.end())
+    problems.add("/solver/emitters",
+                 std::string("expected \"explicit\" with method \"") + to_string(solver.method) +
+                     "\"; only pairwise, matrix, links and directional take \"transport\"");
   const bool all_send =
       solver.undersampling == Undersampling::kNone && !solver.subdivision_threshold;
   if (solver.iteration == Iteration::kShooting && !all_send)
@@ -217,6 +221,10 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
     problems.add("/solver/visibility",
                  "a bit is remembered for the middles of two texels: expected \"ray\" or \"voxel\" "
                  "with pair_samples above 1, undersampling \"mipmap\" or subdivision_threshold");
+  if (solver.method == Method::kLinks && solver.visibility == VisibilityKind::kCached)
+    problems.add("/solver/visibility",
+                 "links change from bounce to bounce, and no bit is remembered for them: expected "
+                 "\"ray\" or \"voxel\" with method \"links\"");
   check_directional(solver, problems);
   if (!solver.subdivision_threshold) return;
   if (solver.undersampling != Undersampling::kNone)

@@ -385,7 +385,8 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
           {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
                           "emitting texels send light as any texel does, as in RTRad, and it "
-                          "counts as indirect light (pairwise; other methods refuse it)."}),
+                          "counts as indirect light (pairwise, matrix, links, directional; other "
+                          "methods refuse it)."}),
       row<[](auto& s) -> auto& { return s.solver.link_error; }>(
           {.path = "solver.link_error", .kind = kNumber, .min = 1e-6, .max = 1,
            .description = "Light that one link between groups of texels may be off by, as a share of "

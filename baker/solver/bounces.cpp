@@ -21,8 +21,8 @@ std::optional<BouncePasses::Next> BouncePasses::next(
   std::vector<double> changes;
   for (const proto::PassReport& bounce : done.subspan(first_bounce()))
     changes.push_back(bounce.residual);
-  const auto is_last = [&](std::size_t bounces) {
-    return is_last_bounce(std::span(changes).first(bounces), world_.settings.bounces,
+  const auto is_last = [&](std::size_t before) {
+    return is_last_bounce(std::span(changes).first(before), bounces(),
                           double(world_.settings.tolerance));
   };
   if (!changes.empty() && is_last(changes.size() - 1)) return std::nullopt;

@@ -181,7 +181,7 @@ TEST(Settings, DirectionsMustBeOnesThatThereAre) {
 
 TEST(Settings, EmittersSendTheirLightInSomeMethods) {
   EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport"}})"), "/solver/emitters");
-  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "matrix"}})"),
+  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "radiosity_map"}})"),
             "/solver/emitters");
   EXPECT_TRUE(parse_settings(R"({"solver": {"emitters": "transport", "method": "pairwise"}})"));
 }

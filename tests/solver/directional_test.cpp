@@ -132,7 +132,7 @@ TEST(DirectionalLight, IsThatOfATexelAlone) {
   for (std::uint32_t t = 0; t < light.size(); ++t) light.direct[t] = {1, float(t), 2};
   exec::ThreadPool pool(2);
   RadiosityMips radiosity;
-  ASSERT_TRUE(radiosity.read(world, light, {pool, {}}));
+  ASSERT_TRUE(radiosity.read(world, light, {}, {pool, {}}));
   const TileRays rays(world, order, radiosity);
   const auto all = rays.follow(32, 16);
   for (std::uint32_t i = 0; i < 16; ++i) {
@@ -221,7 +221,7 @@ struct Mips {
       light.validity[t] = validity(t);
     }
     exec::ThreadPool pool(2);
-    ASSERT_TRUE(mips.read(ready.world, light, {pool, {}}));
+    ASSERT_TRUE(mips.read(ready.world, light, {}, {pool, {}}));
   }
   float albedo(std::uint32_t t) const { return scene.texels().albedo[t].g; }
 };

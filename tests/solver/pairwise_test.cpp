@@ -110,22 +110,31 @@ TEST(ViewFactor, ParallelSquares) {
 }
 
 // Two unit squares at a right angle with a common edge: F = 0.200043776 [Howell, C-14]. Along the
-// edge r falls to h/√2 whatever the texel's width h is, so each texel there errs by the same share,
-// and all together by a share that falls with h: half the width, half the error.
+// edge r falls to h/√2 whatever the texel's width h is, so by the formula alone each texel there
+// errs by the same share, and all together by a share that falls with h: half the width, half the
+// error. The mean over all pairs of points has next to none of it.
 TEST(ViewFactor, PerpendicularSquares) {
-  const auto error = [](std::uint32_t texels, std::uint32_t pair_samples) {
+  const auto error = [](std::uint32_t texels, std::uint32_t pair_samples, bool near_field) {
     const Plates plates(texels, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, kFloor, {0, -1, 0});
-    return plates.view_factor(settings_for(proto::Method::kPairwise, pair_samples)) - 0.200043776;
+    proto::SolverSettings s = settings_for(proto::Method::kPairwise, pair_samples);
+    s.near_field = near_field;
+    return plates.view_factor(s) - 0.200043776;
   };
-  const double coarse = error(8, 1), middle = error(16, 1), fine = error(32, 1);
-  const double many_points = error(8, 256);
-  RecordProperty("errors", std::to_string(coarse) + ", " + std::to_string(middle) + ", " +
-                               std::to_string(fine) + "; " + std::to_string(many_points));
+  const double coarse = error(8, 1, false), middle = error(16, 1, false),
+               fine = error(32, 1, false);
+  const double many_points = error(8, 256, false);
   EXPECT_GT(coarse, 0) << "near texels are overstated";
   EXPECT_NEAR(middle / coarse, 0.5, 0.06);
   EXPECT_NEAR(fine / middle, 0.5, 0.06);
   // More points of a texel are what smaller texels are [RTRad 4.7.2].
   EXPECT_LT(std::abs(many_points), coarse / 2);
+  const double near = error(8, 1, true), near_fine = error(32, 1, true);
+  RecordProperty("errors", std::to_string(coarse) + ", " + std::to_string(middle) + ", " +
+                               std::to_string(fine) + "; " + std::to_string(many_points) +
+                               "; near field " + std::to_string(near) + ", " +
+                               std::to_string(near_fine));
+  EXPECT_LT(std::abs(near), coarse / 10);
+  EXPECT_LT(std::abs(near_fine), fine / 5);
 }
 
 TEST(ViewFactor, IsReciprocalBitForBit) {

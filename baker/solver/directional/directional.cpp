@@ -1,7 +1,9 @@
 #include "baker/solver/directional/directional.h"
 
 #include <algorithm>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include "baker/solver/bounces.h"
 #include "baker/solver/direct/direct_pass.h"
@@ -37,9 +39,11 @@ bool takes_light(const World& world, std::uint32_t texel) {
 
 class BouncePass final : public Pass {
  public:
-  BouncePass(const World& world, const RingOrder& order, PassPlan plan)
+  BouncePass(const World& world, const RingOrder& order, std::span<const math::Rgb> emittance,
+             PassPlan plan)
       : Pass(std::move(plan)),
         world_(world),
+        emittance_(emittance),
         rays_(world, order, radiosity_),
         count_(order.set.size()) {
     plan_.reads = lightmap::plane_set({kDirect, kSky, kIndirect, kValidity});
@@ -54,7 +58,7 @@ class BouncePass final : public Pass {
   }
 
   bool prepare(const lightmap::Lightmap& before, const exec::Workers& workers) override {
-    return radiosity_.read(world_, before, workers);
+    return radiosity_.read(world_, before, emittance_, workers);
   }
 
   std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap&,
@@ -76,6 +80,7 @@ class BouncePass final : public Pass {
 
  private:
   const World& world_;
+  const std::span<const math::Rgb> emittance_;
   RadiosityMips radiosity_;
   const TileRays rays_;
   const std::uint32_t count_;  ///< directions
@@ -84,7 +89,10 @@ class BouncePass final : public Pass {
 class DirectionalSolver final : public Solver {
  public:
   explicit DirectionalSolver(const World& world)
-      : world_(world), passes_(world_), order_(make_set(world)) {}
+      : world_(world),
+        passes_(world_),
+        order_(make_set(world)),
+        emittance_(emitters_send(world.settings) ? texel_emittance(world_) : std::vector<math::Rgb>()) {}
 
   std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
     const auto next = passes_.next(done);
@@ -99,14 +107,14 @@ class DirectionalSolver final : public Solver {
       case BouncePasses::Kind::kSky:
         return direct::make_sky_pass(world_, std::move(plan));
       default:
-        return std::make_unique<BouncePass>(world_, order_, std::move(plan));
+        return std::make_unique<BouncePass>(world_, order_, emittance_, std::move(plan));
     }
   }
 
   Forecast forecast() const override {
     Work work = direct::direct_work(world_);
     if (world_.scene.has_sky()) work += direct::sky_work(world_);
-    const std::uint32_t bounces = std::min(kTypicalBounces, world_.settings.bounces);
+    const std::uint32_t bounces = std::min(kTypicalBounces, passes_.bounces());
     return {passes_.most(), work + BouncePass::bounce_work(order_.set.size()) * bounces};
   }
   const SamplePlan& samples() const override { return world_.plan; }
@@ -115,12 +123,13 @@ class DirectionalSolver final : public Solver {
   const World world_;
   const BouncePasses passes_;
   const RingOrder order_;
+  const std::vector<math::Rgb> emittance_;  ///< M of the texels, lx; empty when rays find it
 };
 
 }  // namespace
 
-double directional_memory_per_texel() {
-  return RadiosityMips::kMemoryPerTexel;
+double directional_memory_per_texel(const proto::SolverSettings& settings) {
+  return RadiosityMips::kMemoryPerTexel + (emitters_send(settings) ? sizeof(math::Rgb) : 0);
 }
 
 std::unique_ptr<Solver> make_directional_solver(const World& world) {

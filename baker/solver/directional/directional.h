@@ -22,6 +22,6 @@ namespace kiln::solver::directional {
 std::unique_ptr<Solver> make_directional_solver(const World&);
 
 /// The memory of a bounce, bytes a texel, beside the planes.
-double directional_memory_per_texel();
+double directional_memory_per_texel(const proto::SolverSettings&);
 
 }  // namespace kiln::solver::directional

@@ -23,7 +23,7 @@ struct RadiosityMips::Level {
 };
 
 bool RadiosityMips::read(const World& world, const lightmap::Lightmap& light,
-                         const exec::Workers& workers) {
+                         std::span<const math::Rgb> emittance, const exec::Workers& workers) {
   constexpr std::uint32_t kRunTexels = 16384;
   const std::uint32_t texels = world.texels.size();
   // As many as nearly all atlases need: a level has about a quarter of the squares of that below.
@@ -32,7 +32,7 @@ bool RadiosityMips::read(const World& world, const lightmap::Lightmap& light,
   squares_.assign(texels, {});
   seen_m2_.assign(texels, 0);
   if (!workers.for_runs(texels, kRunTexels, [&](std::uint32_t begin, std::uint32_t end) {
-        read_texels(world, light, begin, end);
+        read_texels(world, light, emittance, begin, end);
       }))
     return false;
   parent_.resize(texels);
@@ -51,12 +51,14 @@ bool RadiosityMips::read(const World& world, const lightmap::Lightmap& light,
 }
 
 void RadiosityMips::read_texels(const World& world, const lightmap::Lightmap& light,
-                                std::uint32_t begin, std::uint32_t end) {
+                                std::span<const math::Rgb> emittance, std::uint32_t begin,
+                                std::uint32_t end) {
   const atlas::TextureGroup& all = world.texels;
   for (std::uint32_t t = begin; t < end; ++t) {
     const float visible = light.validity[t];
     const bool hidden = visible < kHiddenShare;
-    const math::Rgb b = hidden ? math::Rgb{} : all.albedo[t] * light.irradiance(t) * (1 / visible);
+    math::Rgb b = hidden ? math::Rgb{} : all.albedo[t] * light.irradiance(t) * (1 / visible);
+    if (!emittance.empty()) b += emittance[t];
     const float area = all.area_m2[t];
     squares_[t] = {b.r, b.g, b.b, area > 0 ? all.coverage[t] / area : 0};
     seen_m2_[t] = hidden ? 0 : area * visible;

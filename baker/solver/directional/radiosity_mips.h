@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "baker/exec/workers.h"
@@ -22,8 +23,10 @@ class RadiosityMips {
 
   /// Takes the radiosity of a light. E is the mean over a texel's footprint, and rays meet only
   /// what of it is not inside other geometry: B = albedo · E / validity. What is nearly all hidden
-  /// reads the mean of the square around it. Returns false when stopped.
-  bool read(const World&, const lightmap::Lightmap&, const exec::Workers&);
+  /// reads the mean of the square around it. Returns false when stopped. @param emittance M of the
+  /// texels, lx, which they send besides; may be empty
+  bool read(const World&, const lightmap::Lightmap&, std::span<const math::Rgb> emittance,
+            const exec::Workers&);
 
   /// Returns the radiosity around a texel, lx: the mean over the largest square around it whose
   /// area is at most about `spread_m2`, or the texel's own.
@@ -44,7 +47,8 @@ class RadiosityMips {
   };
   struct Level;
 
-  void read_texels(const World&, const lightmap::Lightmap&, std::uint32_t begin, std::uint32_t end);
+  void read_texels(const World&, const lightmap::Lightmap&, std::span<const math::Rgb> emittance,
+                   std::uint32_t begin, std::uint32_t end);
   Level first_level(const World&) const;
   Level next_level(const World&, const Level&);
 

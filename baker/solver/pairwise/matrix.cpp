@@ -78,7 +78,10 @@ class MatrixPass final : public Pass {
         direct[t] = double(channel(before.direct[t] + before.sky[t], c));
         reflectance[t] = double(channel(parts_.reflectance(t), c));
       }
-      auto solved = solve(direct, reflectance, workers);
+      const auto known = with_emitters(direct, c, workers);
+      if (!known) return false;
+      const auto solved = parts_.world.settings.bounces > 0 ? solve(*known, reflectance, workers)
+                                                            : known;
       if (!solved) return false;
       indirect_[c].resize(size);
       for (std::uint32_t t = 0; t < size; ++t) indirect_[c][t] = float((*solved)[t] - direct[t]);
@@ -97,6 +100,20 @@ class MatrixPass final : public Pass {
   }
 
  private:
+  /// Returns one channel of the light that needs no bounce: E_direct, and F M where emitters send
+  /// their light as any texel does.
+  std::optional<std::vector<double>> with_emitters(const std::vector<double>& direct, int c,
+                                                   const exec::Workers& workers) const {
+    std::vector<double> known = direct, sent;
+    if (parts_.emittance.empty()) return known;
+    for (const math::Rgb& m : parts_.emittance) sent.push_back(double(channel(m, c)));
+    const bool done =
+        workers.for_runs(std::uint32_t(known.size()), kRunRows, [&](auto begin, auto end) {
+          for (std::uint32_t i = begin; i < end; ++i) known[i] += matrix_.times(i, sent);
+        });
+    return done ? std::optional(std::move(known)) : std::nullopt;
+  }
+
   /// Returns the E of one channel that solves E - F (ρ E) = E_direct.
   std::optional<std::vector<double>> solve(std::span<const double> direct,
                                            std::span<const double> reflectance,
@@ -141,14 +158,17 @@ class MatrixSolver final : public Solver {
   Forecast forecast() const override {
     Work work = direct::direct_work(world_);
     if (world_.scene.has_sky()) work += direct::sky_work(world_);
-    if (world_.settings.bounces > 0) work += MatrixPass::matrix_work(world_);
+    if (has_matrix()) work += MatrixPass::matrix_work(world_);
     return {passes(), work};
   }
   const SamplePlan& samples() const override { return world_.plan; }
 
  private:
+  bool has_matrix() const {
+    return world_.settings.bounces > 0 || emitters_send(world_.settings);
+  }
   std::uint32_t passes() const {
-    return 1 + world_.scene.has_sky() + (world_.settings.bounces > 0);
+    return 1 + world_.scene.has_sky() + has_matrix();
   }
 
   const World world_;

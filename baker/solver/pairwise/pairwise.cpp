@@ -115,7 +115,7 @@ class PairwiseSolver final : public Solver {
   /// Returns the most passes over the senders. One more brings the light of emitters that send it
   /// as any texel does.
   std::uint32_t bounces() const {
-    return world_.settings.bounces + Parts::are_senders(world_.settings);
+    return world_.settings.bounces + emitters_send(world_.settings);
   }
   /// Returns the passes of a bounce.
   std::uint32_t steps() const {
@@ -195,7 +195,7 @@ double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window
 }
 
 double pairwise_memory_per_texel(const proto::SolverSettings& settings) {
-  const double emittance = Parts::are_senders(settings) ? sizeof(math::Rgb) : 0;
+  const double emittance = emitters_send(settings) ? sizeof(math::Rgb) : 0;
   return Patches::memory_per_texel(settings.pair_samples) +
          SenderStrategy::memory_per_texel(settings) + emittance;
 }

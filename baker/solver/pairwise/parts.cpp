@@ -1,5 +1,7 @@
 #include "baker/solver/pairwise/parts.h"
 
+#include <algorithm>
+
 #include "baker/trace/voxel_grid.h"
 
 namespace kiln::solver::pairwise {
@@ -16,6 +18,20 @@ std::unique_ptr<const trace::Visibility> Parts::make_visibility(const World& w) 
   using enum trace::VoxelVisibility::March;
   return std::make_unique<trace::VoxelVisibility>(std::move(*grid), is_exact ? kExact : kFixedSteps,
                                                   s.voxel_ratio, w.rays);
+}
+
+TexelLight::TexelLight(const Parts& parts, const lightmap::Lightmap& before)
+    : radiosity(before.size()) {
+  double sum = 0, area = 0;
+  for (std::uint32_t t = 0; t < before.size(); ++t) {
+    const math::Rgb direct = parts.reflectance(t) * (before.direct[t] + before.sky[t]);
+    const math::Rgb own = parts.emittance.empty() ? math::Rgb{} : parts.emittance[t];
+    radiosity[t] = parts.reflectance(t) * before.irradiance(t) + own;
+    brightest_direct = std::max(brightest_direct, max_channel(direct + own));
+    sum += double(max_channel(direct + own)) * double(parts.patches.area_m2(t));
+    area += double(parts.patches.area_m2(t));
+  }
+  mean_direct = area > 0 ? float(sum / area) : 0;
 }
 
 }  // namespace kiln::solver::pairwise

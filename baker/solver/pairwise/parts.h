@@ -3,6 +3,7 @@
 #include <memory>
 #include <vector>
 
+#include "baker/lightmap/lightmap.h"
 #include "baker/solver/emittance.h"
 #include "baker/solver/pairwise/patches.h"
 #include "baker/solver/pairwise/senders.h"
@@ -18,7 +19,7 @@ struct Parts {
       : world(w),
         patches(w, w.settings.pair_samples),
         senders(w, patches),
-        emittance(are_senders(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
+        emittance(emitters_send(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
         visibility(make_visibility(w)),
         factors(w, patches, *visibility) {}
   Parts(const Parts&) = delete;
@@ -32,11 +33,6 @@ struct Parts {
     return PairLayout::words_for(patches.size(), std::uint64_t(world.settings.visibility_cache_mib)
                                                      << 20);
   }
-  /// Returns whether emitters send their light as any texel does.
-  static bool are_senders(const proto::SolverSettings& s) {
-    return s.emitters == proto::Emitters::kTransport;
-  }
-
   /// Returns the share of the light on a texel that it sends on: ρ · albedo [RTRad eq. 4.8].
   math::Rgb reflectance(std::uint32_t texel) const {
     return world.texels.albedo[texel] * world.settings.reflectivity_factor;
@@ -48,6 +44,19 @@ struct Parts {
   const std::vector<math::Rgb> emittance;  ///< M of the texels, lx; empty when rays find it
   const std::unique_ptr<const trace::Visibility> visibility;
   const ViewFactors factors;
+};
+
+/// What the texels send in a bounce.
+struct TexelLight {
+  std::vector<math::Rgb> radiosity;  ///< B = ρ · albedo · E + M, lx
+  /// The largest channel of what all texels send of direct light, and as emitters; lx. Shares of
+  /// the brightest light are of this.
+  float brightest_direct = 0;
+  float mean_direct = 0;  ///< the same, as the mean by area
+
+  TexelLight() = default;
+  /// @param before the light of the pass before: direct, sky, indirect
+  TexelLight(const Parts&, const lightmap::Lightmap& before);
 };
 
 }  // namespace kiln::solver::pairwise

@@ -1,6 +1,5 @@
 #include "baker/solver/pairwise/transport_pass.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "baker/solver/pairwise/passes.h"
@@ -19,15 +18,9 @@ TransportPass::TransportPass(const Parts& parts, bool is_remembered, PassPlan pl
 }
 
 void TransportPass::read(const lightmap::Lightmap& before) {
-  radiosity_.resize(before.size());
-  float brightest = 0;
-  for (std::uint32_t t = 0; t < before.size(); ++t) {
-    const math::Rgb direct = parts_.reflectance(t) * (before.direct[t] + before.sky[t]);
-    const math::Rgb own = parts_.emittance.empty() ? math::Rgb{} : parts_.emittance[t];
-    radiosity_[t] = parts_.reflectance(t) * before.irradiance(t) + own;
-    brightest = std::max(brightest, max_channel(direct + own));
-  }
-  clamp_.emplace(parts_.world.settings, brightest);
+  TexelLight light(parts_, before);
+  radiosity_ = std::move(light.radiosity);
+  clamp_.emplace(parts_.world.settings, light.brightest_direct);
   if (is_remembered_) seen_.emplace(before.seen);
 }
 

@@ -72,6 +72,19 @@ class ViewFactors {
         [](Factors f) { return f.forth > 0 || f.back > 0; }, use);
   }
 
+  /// Returns cosθ cosθ'/r² either way, 1/m², without what may stand between; 0 when the points turn
+  /// away from each other.
+  static Factors unoccluded(const Patches::Point& a, const Patches::Point& b) {
+    constexpr float kSamePlace = 1e-30f;  // m²
+    const math::Vec3 way = b.position - a.position;
+    const float r2 = dot(way, way);
+    const float above_a = dot(a.geometric_normal, way), above_b = -dot(b.geometric_normal, way);
+    if (!(above_a > 0 && above_b > 0 && r2 > kSamePlace)) return {};
+    const float at_a = std::max(0.f, dot(a.shading_normal, way));
+    const float at_b = std::max(0.f, -dot(b.shading_normal, way));
+    return {(at_a / r2) * (above_b / r2), (at_b / r2) * (above_a / r2)};
+  }
+
  private:
   /// The other ends of pairs, by numbers: all texels, or the senders of a list.
   struct Texels {
@@ -127,19 +140,6 @@ class ViewFactors {
     }
     queue.finish();
     return queue.traced();
-  }
-
-  /// Returns cosθ cosθ'/r² either way, 1/m², without what may stand between; 0 when the points turn
-  /// away from each other.
-  static Factors unoccluded(const Patches::Point& a, const Patches::Point& b) {
-    constexpr float kSamePlace = 1e-30f;  // m²
-    const math::Vec3 way = b.position - a.position;
-    const float r2 = dot(way, way);
-    const float above_a = dot(a.geometric_normal, way), above_b = -dot(b.geometric_normal, way);
-    if (!(above_a > 0 && above_b > 0 && r2 > kSamePlace)) return {};
-    const float at_a = std::max(0.f, dot(a.shading_normal, way));
-    const float at_b = std::max(0.f, -dot(b.shading_normal, way));
-    return {(at_a / r2) * (above_b / r2), (at_b / r2) * (above_a / r2)};
   }
 
   /// Collects segments of a row until there are sixteen, and traces those of which nothing is

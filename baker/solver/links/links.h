@@ -1,0 +1,28 @@
+#pragma once
+
+#include <memory>
+
+#include "baker/solver/solver.h"
+
+namespace kiln::solver::links {
+
+/// Makes the solver of the method `links`: hierarchical radiosity [Hanrahan, Salzman and Aupperle,
+/// SIGGRAPH 1991; Moreno-Fortuny 2.2.3]. Groups of texels exchange light over links (LinkTree), as
+/// coarse as an energy-weighted bound on a link's error allows:
+///
+///   E_p ← E_direct,p + Σ_q F_pq B_q over the links of p and of all groups that p belongs to
+///   F_pq = A_q mean_k cosθ_k cosθ'_k V_k / (π r_k²)   over sixteen pairs of texels, eq. 4.1 of RTRad
+///
+/// A link carries a group's mean radiosity. It is refined, at the larger of its ends, while the
+/// light that the sixteen pairs bring differs by more than `solver.link_error` of the brightest
+/// direct radiosity, or while all of them together bring kMostLight times as much. Where both ends
+/// are single texels, the factor is that of `pairwise`, near field and window included.
+///
+/// The links of a receiver are found anew in each bounce, since they hang on the light. The light
+/// comes from the passes `direct` and `sky`, and then a bounce a pass, as for `pairwise`.
+std::unique_ptr<Solver> make_links_solver(const World&);
+
+/// What the method takes beside the light, and the rays of a bounce for estimates. Of all texels.
+double links_memory(const proto::SolverSettings&, double texels);  ///< bytes
+
+}  // namespace kiln::solver::links
