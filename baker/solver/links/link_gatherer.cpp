@@ -103,7 +103,9 @@ LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
     const auto &at_i = parts_.patches.point(i, 0), &at_j = parts_.patches.point(j, 0);
     area[k] = parts_.patches.area_m2(j);
     light[k] = max_channel(light_.texels[j]);
-    kernel[k] = i == j ? 0 : pairwise::ViewFactors::unoccluded(at_i, at_j).forth;
+    kernel[k] = i == j ? 0
+                       : pairwise::ViewFactors::unoccluded(at_i, at_j).forth *
+                             parts_.patches.visible_pairs(i, j);
     if (!(kernel[k] > 0)) continue;
     out.is_dark = false;
     lane[k] = packet.count;

@@ -33,9 +33,14 @@ struct Parts {
     return PairLayout::words_for(patches.size(), std::uint64_t(world.settings.visibility_cache_mib)
                                                      << 20);
   }
-  /// Returns the share of the light on a texel that it sends on: ρ · albedo [RTRad eq. 4.8].
+  /// Returns the radiosity that others see for an irradiance of 1: ρ · albedo [RTRad eq. 4.8], over
+  /// the share of the texel that can be seen, since E is the mean over all of it. What is nearly
+  /// all hidden sends nothing.
   math::Rgb reflectance(std::uint32_t texel) const {
-    return world.texels.albedo[texel] * world.settings.reflectivity_factor;
+    constexpr float kHiddenShare = 0.1f;
+    const float visible = patches.visible_share(texel);
+    if (visible < kHiddenShare) return {};
+    return world.texels.albedo[texel] * (world.settings.reflectivity_factor / visible);
   }
 
   const World& world;

@@ -1,10 +1,11 @@
 #include "baker/solver/pairwise/patches.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdlib>
 
 #include "baker/sampling/sobol.h"
-#include "baker/solver/footprint.h"
+#include "baker/solver/hidden_points.h"
 #include "baker/solver/pairwise/pairwise.h"
 
 namespace kiln::solver::pairwise {
@@ -12,6 +13,27 @@ namespace {
 
 std::uint32_t points_per_texel(std::uint32_t pair_samples) {
   return pair_samples > 1 ? Patches::kPoints : 1;
+}
+
+Patches::Point point_of(const Footprint& at, std::uint32_t i) {
+  return {at.position[i], at.origin[i], at.geometric_normal[i], at.shading_normal[i]};
+}
+
+/// Returns that of the points in view which is nearest to their mean.
+Patches::Point visible_middle(const Footprint& at, std::uint32_t hidden) {
+  math::Vec3 mean;
+  float count = 0;
+  for (std::uint32_t i = 0; i < Patches::kPoints; ++i)
+    if (!(hidden >> i & 1)) mean += at.position[i], ++count;
+  mean = mean * (1 / count);
+  std::uint32_t best = Patches::kPoints;
+  float least = 0;
+  for (std::uint32_t i = 0; i < Patches::kPoints; ++i) {
+    const math::Vec3 way = at.position[i] - mean;
+    if (hidden >> i & 1 || (best < Patches::kPoints && dot(way, way) >= least)) continue;
+    best = i, least = dot(way, way);
+  }
+  return point_of(at, best);
 }
 
 }  // namespace
@@ -24,15 +46,26 @@ Patches::Patches(const World& world, std::uint32_t pair_samples)
       seed_(sampling::hash(std::uint32_t(world.settings.seed),
                            std::uint32_t(world.settings.seed >> 32))) {
   points_.reserve(std::size_t(size()) * per_texel_);
-  for (std::uint32_t t = 0; t < size(); ++t)
-    per_texel_ == 1 ? add_middle(world, t) : add_footprint(world, t);
+  visible_share_.reserve(size());
+  for (std::uint32_t t = 0; t < size(); ++t) {
+    const Footprint at(world, t);
+    const std::uint32_t hidden = hidden_points(world, at);
+    visible_share_.push_back(1 - float(std::popcount(hidden)) / kPoints);
+    per_texel_ == 1 ? add_middle(world, t, at, hidden) : add_footprint(at);
+  }
 }
 
 double Patches::memory_per_texel(std::uint32_t pair_samples) {
-  return double(sizeof(Point)) * points_per_texel(pair_samples);
+  return double(sizeof(Point)) * points_per_texel(pair_samples) + sizeof(float);
 }
 
-void Patches::add_middle(const World& world, std::uint32_t texel) {
+void Patches::add_middle(const World& world, std::uint32_t texel, const Footprint& at,
+                         std::uint32_t hidden) {
+  constexpr std::uint32_t kAll = (1u << kPoints) - 1;
+  if (hidden != 0 && hidden != kAll) {
+    points_.push_back(visible_middle(at, hidden));
+    return;
+  }
   const std::uint32_t triangle = texels_.triangle[texel];
   const float side = texels_.is_back(texel) ? -1.f : 1.f;
   Point p;
@@ -45,10 +78,8 @@ void Patches::add_middle(const World& world, std::uint32_t texel) {
   points_.push_back(p);
 }
 
-void Patches::add_footprint(const World& world, std::uint32_t texel) {
-  const Footprint at(world, texel);
-  for (std::uint32_t i = 0; i < kPoints; ++i)
-    points_.push_back({at.position[i], at.origin[i], at.geometric_normal[i], at.shading_normal[i]});
+void Patches::add_footprint(const Footprint& at) {
+  for (std::uint32_t i = 0; i < kPoints; ++i) points_.push_back(point_of(at, i));
 }
 
 Patches::Point Patches::middle(std::uint32_t texel) const {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "baker/solver/footprint.h"
 #include "baker/solver/world.h"
 
 namespace kiln::solver::pairwise {
@@ -12,6 +13,9 @@ namespace kiln::solver::pairwise {
 ///
 /// With one sample a pair, a patch has one point, in the middle of its texel [RTRad eq. 4.6]. With
 /// more it has the sixteen points of its footprint, and pairs of them are drawn.
+///
+/// Where a part of a texel lies inside other geometry, see hidden_points(), the one point is among
+/// those that do not, and visible_share() is below 1. RTRad does not know of that.
 class Patches {
  public:
   static constexpr std::uint32_t kPoints = atlas::TextureGroup::kPointsPerTexel;
@@ -23,6 +27,15 @@ class Patches {
   std::uint32_t size() const { return texels_.size(); }
   std::uint32_t pair_samples() const { return pair_samples_; }
   float area_m2(std::uint32_t texel) const { return texels_.area_m2[texel]; }
+  /// Returns the share of a texel's points that is not hidden.
+  float visible_share(std::uint32_t texel) const { return visible_share_[texel]; }
+  /// Returns what a view factor between the points of two texels is worth: the share of pairs of
+  /// points that is not hidden, which rays between many points find out by themselves.
+  float visible_pairs(std::uint32_t a, std::uint32_t b) const {
+    return per_texel_ == 1 ? visible_share_[a] * visible_share_[b] : 1;
+  }
+  /// The same of a texel and a point that stands for several.
+  float visible_pairs(std::uint32_t a) const { return per_texel_ == 1 ? visible_share_[a] : 1; }
   /// Returns proto::SolverSettings::window, or what null stands for.
   std::uint32_t window() const { return std::uint32_t(window_); }
 
@@ -53,14 +66,15 @@ class Patches {
   bool are_excluded(std::uint32_t a, std::uint32_t b) const;
 
  private:
-  void add_middle(const World&, std::uint32_t texel);
-  void add_footprint(const World&, std::uint32_t texel);
+  void add_middle(const World&, std::uint32_t texel, const Footprint&, std::uint32_t hidden);
+  void add_footprint(const Footprint&);
 
   const atlas::TextureGroup& texels_;
   const std::uint32_t pair_samples_, per_texel_;
   const std::int32_t window_;  ///< texels
   const std::uint32_t seed_;
   std::vector<Point> points_;
+  std::vector<float> visible_share_;
 };
 
 }  // namespace kiln::solver::pairwise

@@ -94,6 +94,9 @@ class ViewFactors {
     float area_m2(std::uint32_t j) const { return patches.area_m2(j); }
     /// Returns whether the end is a texel that stands for itself alone.
     bool is_texel(std::uint32_t) const { return true; }
+    float visible_pairs(std::uint32_t i, std::uint32_t j) const {
+      return patches.visible_pairs(i, j);
+    }
     const Patches::Point& point(std::uint32_t j, std::uint32_t i) const {
       return patches.point(j, i);
     }
@@ -107,6 +110,11 @@ class ViewFactors {
     bool is_texel(std::uint32_t s) const {
       const Sender& sender = senders.list[s];
       return sender.point == Sender::kTexelsOwn && sender.area_m2 == patches.area_m2(sender.texel);
+    }
+    float visible_pairs(std::uint32_t i, std::uint32_t s) const {
+      const Sender& sender = senders.list[s];
+      return sender.point == Sender::kTexelsOwn ? patches.visible_pairs(i, sender.texel)
+                                                : patches.visible_pairs(i);
     }
     const Patches::Point& point(std::uint32_t s, std::uint32_t i) const {
       const Sender& sender = senders.list[s];
@@ -180,9 +188,10 @@ class ViewFactors {
     void pass_on() {
       if (sum_.forth > 0 || sum_.back > 0) {
         const float a_i = of_.patches_.area_m2(i_), a_j = others_.area_m2(last_);
+        const float scale = of_.scale_ * others_.visible_pairs(i_, last_);
         const Factors mean = mean_kernel();
-        use_(last_, Factors{std::min(mean.forth * of_.scale_ * a_j, std::min(1.f, a_j / a_i)),
-                            std::min(mean.back * of_.scale_ * a_i, std::min(1.f, a_i / a_j))});
+        use_(last_, Factors{std::min(mean.forth * scale * a_j, std::min(1.f, a_j / a_i)),
+                            std::min(mean.back * scale * a_i, std::min(1.f, a_i / a_j))});
       }
       sum_ = all_ = {};
     }
