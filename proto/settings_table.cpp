@@ -390,8 +390,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.link_error; }>(
           {.path = "solver.link_error", .kind = kNumber, .min = 1e-6, .max = 1,
            .description = "Light that one link between groups of texels may be off by, as a share of "
-                          "the brightest direct radiosity, the group's part of a receiver's view "
-                          "included (links)."}),
+                          "the mean radiosity of direct light (links). More is coarser and faster."}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "

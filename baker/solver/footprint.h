@@ -38,7 +38,8 @@ enum class SampleStream : std::uint32_t {
   kGatherTile = 4,
   kSky = 5,
   kIterations = 6,
-  kDirectional = 7
+  kDirectional = 7,
+  kLinks = 8
 };
 /// Returns the key of all random numbers of one texel (or tile, for kGatherTile), for one stream of
 /// samples. With `solver.same_directions` all texels have the same.

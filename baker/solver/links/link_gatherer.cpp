@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "baker/sampling/sobol.h"
+#include "baker/solver/footprint.h"
 namespace kiln::solver::links {
 
 using math::Rgb;
@@ -24,6 +26,7 @@ LinkGatherer::LinkGatherer(const pairwise::Parts& parts, const LinkTree& tree,
       range_(range),
       scale_(1 / (math::kPi * parts.world.settings.distance_factor *
                   parts.world.settings.distance_factor)),
+      seed_(texel_seed(parts.world, 0, SampleStream::kLinks)),
       sums_(range.size()),
       single_(range.size()) {}
 
@@ -96,10 +99,11 @@ LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
   float kernel[kPairs], area[kPairs], light[kPairs];
   std::uint32_t lane[kPairs] = {};
   Look out;
+  const std::uint32_t key = sampling::hash(seed_, receiver, sender);
   for (std::uint32_t k = 0; k < kPairs; ++k) {
     const std::uint32_t quarter = k / 4, of_sender = k % 4;
-    const std::uint32_t i = sample(receiver, 4 * quarter + of_sender),
-                        j = sample(sender, 4 * of_sender + quarter);
+    const std::uint32_t i = sample(receiver, 4 * quarter + of_sender, key),
+                        j = sample(sender, 4 * of_sender + quarter, key);
     const auto &at_i = parts_.patches.point(i, 0), &at_j = parts_.patches.point(j, 0);
     area[k] = parts_.patches.area_m2(j);
     light[k] = max_channel(light_.texels[j]);
@@ -178,9 +182,13 @@ std::uint32_t LinkGatherer::texel(Id id, std::uint32_t i) const {
   return tree_.is_texel(id) ? tree_.texel(id) : tree_.texels(id)[i];
 }
 
-/// Returns one of sixteen texels that are spread over a member; of a smaller one some twice.
-std::uint32_t LinkGatherer::sample(Id id, std::uint32_t k) const {
-  return texel(id, std::uint32_t((2 * std::uint64_t(k) + 1) * size(id) / (2 * kPairs)));
+/// Returns a random texel of the k-th sixteenth of a member. Their middles would miss the light
+/// that is more than proportional near the ends. @param key of the pair
+std::uint32_t LinkGatherer::sample(Id id, std::uint32_t k, std::uint32_t key) const {
+  constexpr std::uint32_t kHalfWord = 1u << 16;
+  const std::uint32_t within = sampling::hash(key, id, k) % kHalfWord;
+  return texel(id, std::uint32_t((std::uint64_t(k) * kHalfWord + within) * size(id) /
+                                 (kPairs * std::uint64_t(kHalfWord))));
 }
 
 /// Returns whether a receiver has a texel of the range.

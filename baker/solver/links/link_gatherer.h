@@ -58,7 +58,7 @@ class LinkGatherer {
   LinkTree::Bounds bounds(Id) const;
   math::Rgb radiosity(Id) const;
   std::uint32_t size(Id) const;
-  std::uint32_t sample(Id, std::uint32_t k) const;
+  std::uint32_t sample(Id, std::uint32_t k, std::uint32_t key) const;
   std::uint32_t texel(Id, std::uint32_t i) const;
   bool is_wanted(Id receiver) const;
 
@@ -67,6 +67,7 @@ class LinkGatherer {
   const LinkLight& light_;
   const atlas::TexelRange range_;
   const float scale_;
+  const std::uint32_t seed_;
   std::vector<pairwise::Sum> sums_;            ///< of the texels of the range
   std::vector<pairwise::Senders> single_;      ///< texels that are linked to single texels
   std::uint64_t rays_ = 0, links_ = 0;

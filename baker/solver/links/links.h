@@ -13,10 +13,12 @@ namespace kiln::solver::links {
 ///   E_p ← E_direct,p + Σ_q F_pq B_q over the links of p and of all groups that p belongs to
 ///   F_pq = A_q mean_k cosθ_k cosθ'_k V_k / (π r_k²)   over sixteen pairs of texels, eq. 4.1 of RTRad
 ///
-/// A link carries a group's mean radiosity. It is refined, at the larger of its ends, while the
-/// light that the sixteen pairs bring differs by more than `solver.link_error` of the brightest
-/// direct radiosity, or while all of them together bring kMostLight times as much. Where both ends
-/// are single texels, the factor is that of `pairwise`, near field and window included.
+/// A link carries a group's mean radiosity, and has a factor for each quarter of the receiver. It
+/// is refined while the light of the sixteen pairs may be off by more than `solver.link_error` of
+/// the mean radiosity of direct light: at the receiver where the quarters differ most, at the
+/// sender where the pairs of one quarter do. It is also refined while the brightest pair, seen or
+/// not, would bring kMostLight times as much. Where both ends are few texels, each pair of them has
+/// the factor of `pairwise`, near field and window included.
 ///
 /// The links of a receiver are found anew in each bounce, since they hang on the light. The light
 /// comes from the passes `direct` and `sky`, and then a bounce a pass, as for `pairwise`.
