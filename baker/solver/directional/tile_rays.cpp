@@ -7,6 +7,7 @@
 #include "baker/sampling/sobol.h"
 #include "baker/simd/kernels.h"
 #include "baker/solver/footprint.h"
+#include "baker/trace/gather_surface.h"
 
 namespace kiln::solver::directional {
 namespace {
@@ -45,8 +46,7 @@ class TileRays::Group {
  public:
   Group(const TileRays& of, std::uint32_t first, std::uint32_t count)
       : of_(of),
-        kernels_(simd::kernels()),
-        grid_(of.world_.lookup.grid()),
+        surface_(of.world_.rays, of.world_.lookup),
         used_((1u << count) - 1),
         count_(count) {
     std::fill_n(rays_.t_far, 16, std::numeric_limits<float>::infinity());
@@ -132,27 +132,21 @@ class TileRays::Group {
     rays_.active = 0;
     for (std::uint32_t i = 0; i < kTexels; ++i) rays_.active |= std::uint32_t(above[i] > 0) << i;
     rays_.active &= used_;
-    of_.world_.rays.closest(rays_, met_, /*coherent=*/true);
-    kernels_.look_up(grid_, met_.triangle, met_.u, met_.v, met_.back, pick, found_);
+    surface_.meet(rays_, pick, /*coherent=*/true, met_);
     for (std::uint32_t i = 0; i < count_; ++i)
-      if (rays_.active >> i & 1) take(i, point, pick[i]);
+      if (rays_.active >> i & 1) take(i, point);
   }
 
   /// Adds what lane i has met.
-  void take(std::uint32_t i, std::uint32_t point, float pick) {
-    std::uint32_t hit = found_[i];
-    if (hit == simd::kHitUnclear) {
-      const std::int32_t t =
-          of_.world_.lookup.pick(met_.triangle[i], {met_.u[i], met_.v[i]}, met_.back[i] != 0, pick);
-      hit = t != atlas::kNoTexel ? std::uint32_t(t) : simd::kHitNothing;
-    }
+  void take(std::uint32_t i, std::uint32_t point) {
+    const std::uint32_t hit = met_.element[i];
     ++sent_[i][point];
     if (hit >= simd::kHitSky) {  // or nothing
-      behind_[i][point] += hit == simd::kHitNothing && met_.back[i];
+      behind_[i][point] += hit == simd::kHitNothing && met_.hits.back[i];
       return;
     }
     const std::uint32_t d = direction_[i];
-    const float r2 = met_.t[i] * met_.t[i];
+    const float r2 = met_.hits.t[i] * met_.hits.t[i];
     const float spread = of_.reads_mips_ ? of_.order_.solid_angle[d] * r2 : 0;
     const math::Rgb b = of_.radiosity_.at(hit, spread);
     const float factor = of_.as_rtrad_ ? rtrad_factor(d, r2) : 1;
@@ -176,15 +170,13 @@ class TileRays::Group {
   };
 
   const TileRays& of_;
-  const simd::Kernels& kernels_;
-  const simd::TexelGrid grid_;
+  const trace::TexelSurface surface_;
   const std::uint32_t used_, count_;  ///< lanes
   std::array<Frame, kPoints> frames_;
   float turn_[kTexels];
   std::uint32_t pick_[kTexels], direction_[kTexels];
   trace::RayPacket rays_;
-  trace::HitPacket met_;
-  alignas(64) std::uint32_t found_[16];
+  trace::Gathered met_;
   float sum_[kTexels][4] = {};  ///< light, and the half difference of its luminance
   std::uint32_t sent_[kTexels][kPoints] = {}, behind_[kTexels][kPoints] = {};
 };
