@@ -75,7 +75,7 @@ Expected<ReferenceBake> ReferenceBake::check(const BakeInput& input, const Prepa
     if (auto ok = check_cost(solver, bake.texels->size()); !ok)
       return fail("too_expensive", "The report's reference: " + ok.error().message);
     const bool many_lights = solver::direct::DirectLight::are_many(*bake.lights);
-    out.world_.emplace(*bake.world);
+    out.world_ = std::make_unique<solver::World>(*bake.world);
     out.world_->settings = solver;
     out.world_->plan = sample_plan(solver, settings.quality, many_lights);
     out.world_->filter = false;

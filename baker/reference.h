@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <stop_token>
 
 #include "baker/bake.h"
@@ -41,7 +42,7 @@ class ReferenceBake {
 
   const BakeInput* input_;
   const PreparedBake* bake_;
-  std::optional<solver::World> world_;  ///< of the method, if there is one
+  std::unique_ptr<solver::World> world_;  ///< of the method, if there is one
 };
 
 /// Returns the name of the file that holds a page, where `first` holds page 0: "page_02.exr" for
