@@ -18,6 +18,17 @@ solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassRe
   return work;
 }
 
+/// Takes the light of `to` back to the share of the way that leads there from `from`.
+void fade(const lightmap::Lightmap& from, lightmap::Lightmap& to, float share) {
+  const auto mix = [&](const lightmap::Plane<math::Rgb>& shown,
+                       lightmap::Plane<math::Rgb>& computed) {
+    std::vector<math::Rgb> mixed(shown.values());
+    for (std::size_t t = 0; t < mixed.size(); ++t) mixed[t] += (computed[t] - mixed[t]) * share;
+    computed = std::move(mixed);
+  };
+  mix(from.direct, to.direct), mix(from.sky, to.sky), mix(from.indirect, to.indirect);
+}
+
 }  // namespace
 
 SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
@@ -38,8 +49,7 @@ SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
     if (p.residual > 0) residual_ = p.residual;
   if (passes_.empty()) return;
   observer_.on_resume(std::uint32_t(passes_.size()));
-  observer_.on_snapshot(
-      {texels_, std::make_shared<lightmap::Lightmap>(start.light->shown()), passes_.back().index});
+  show(start.light->shown(), passes_.back().index);
 }
 
 SolveHooks SolveSession::hooks() {
@@ -101,13 +111,18 @@ void SolveSession::on_pass(const solver::PassPlan& plan, const proto::PassReport
   const proto::SolverSettings& settings = input_.settings.solver;
   const bool guesses = settings.ambient_term && settings.method == proto::Method::kRadiosityMap &&
                        settings.bounces > 0 && !plan.completes;
-  observer_.on_snapshot(
-      {texels_,
-       std::make_shared<lightmap::Lightmap>(
-           guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown())
-                   : light->shown()),
-       report.index});
+  show(
+      guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown()) : light->shown(),
+      report.index);
   writer_.submit(plan, passes_, std::move(light));
+}
+
+void SolveSession::show(lightmap::Lightmap computed, std::uint32_t pass) {
+  const float share = input_.settings.output.preview_fade;
+  if (share < 1 && shown_) fade(*shown_, computed, share);
+  auto shown = std::make_shared<const lightmap::Lightmap>(std::move(computed));
+  if (share < 1) shown_ = shown;
+  observer_.on_snapshot({texels_, std::move(shown), pass});
 }
 
 solver::PassProgress SolveSession::restore(const solver::Pass& pass,

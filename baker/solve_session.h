@@ -34,6 +34,9 @@ class SolveSession {
   void on_batch(const SolveProgress&);
   void on_pass(const solver::PassPlan&, const proto::PassReport&,
                std::shared_ptr<const lightmap::Lightmap>);
+  /// Hands over the light of a pass, on the way from what was handed over before
+  /// [Moreno-Fortuny 4.4.2].
+  void show(lightmap::Lightmap, std::uint32_t pass);
   solver::PassProgress restore(const solver::Pass&, const lightmap::Lightmap& before,
                                lightmap::Lightmap& after);
 
@@ -44,6 +47,7 @@ class SolveSession {
   BakeObserver& observer_;
   progress::ProgressReporter& reporter_;
   std::vector<proto::PassReport> passes_;
+  std::shared_ptr<const lightmap::Lightmap> shown_;  ///< what show() has handed over, if it fades
   double residual_ = 1;
   progress::EtaEstimator eta_;
   solver::Work elsewhere_;  ///< what there is to do, or was, beside the solve under way

@@ -146,6 +146,22 @@ void check_directional(const SolverSettings& s, ProblemList& problems) {
                  "\"largest_empty_circle\"");
 }
 
+void check_output(const BakeSettings& s, ProblemList& problems) {
+  const auto has = [&](const char* layer) {
+    return std::ranges::find(s.output.layers, layer) != s.output.layers.end();
+  };
+  if (has("error") && !s.report.against)
+    problems.add("/output/layers",
+                 "the layer \"error\" is the difference to a reference: expected report.against");
+  if ((has("tree") || s.solver.subdivision_threshold) &&
+      !std::has_single_bit(s.solver.subdivision_max_node))
+    problems.add("/solver/subdivision_max_node",
+                 "expected a power of two, found " + std::to_string(s.solver.subdivision_max_node));
+  if (s.output.tone_curve && s.output.exposure)
+    problems.add("/output/tone_curve",
+                 "the curve goes by the brightest value of a page: expected null with exposure");
+}
+
 json light_json(const LightSettings& light) {
   json doc = json::object();
   for (const auto& row : light_rows())
@@ -226,14 +242,11 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
                  "links change from bounce to bounce, and no bit is remembered for them: expected "
                  "\"ray\" or \"voxel\" with method \"links\"");
   check_directional(solver, problems);
-  if (!solver.subdivision_threshold) return;
-  if (solver.undersampling != Undersampling::kNone)
+  if (solver.subdivision_threshold && solver.undersampling != Undersampling::kNone)
     problems.add("/solver/subdivision_threshold",
                  "senders are the leaves of a quadtree or those of windows: expected null with "
                  "undersampling, or undersampling \"none\"");
-  if (!std::has_single_bit(solver.subdivision_max_node))
-    problems.add("/solver/subdivision_max_node",
-                 "expected a power of two, found " + std::to_string(solver.subdivision_max_node));
+  check_output(s, problems);
 }
 
 }  // namespace

@@ -441,14 +441,15 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "percentile of lit texels becomes bright."}),
       row<[](auto& s) -> auto& { return s.output.tone_curve; }>(
           {.path = "output.tone_curve", .kind = kNumber, .min = 1e-3, .max = 10, .nullable = true,
-           .description = "k of the curve c / (k + c) that previews then have, where c is a value over "
-                          "the page's brightest and output.exposure does not count; 0.02 to 0.1 shows "
-                          "dark rooms. null: the curve with output.exposure."}),
+           .description = "k of the curve c / (k + c) that previews, pictures of layers and views then "
+                          "have, where c is a value over the brightest one of the page, which becomes "
+                          "1 / (1 + k); 0.02 to 0.1 shows dark rooms. Not with output.exposure. null: "
+                          "the usual curve."}),
       row<[](auto& s) -> auto& { return s.output.preview_fade; }>(
           {.path = "output.preview_fade", .kind = kNumber, .min = 0.01, .max = 1,
-           .description = "Share of the way from the light that the preview before has shown to the "
-                          "light of the pass that a preview of a bake which runs goes: below 1 the "
-                          "pictures fade into each other. The result does not hang on it."}),
+           .description = "Share of the way from the light shown before to the light computed that "
+                          "the previews of a bake which runs go after each pass: below 1 they fade "
+                          "into each other. The result does not hang on it."}),
       row<[](auto& s) -> auto& { return s.report.against; }>(
           {.path = "report.against", .kind = kText, .max = 1024, .nullable = true,
            .description = "What the result is compared with, in report.json, error maps, contours and "

@@ -5,11 +5,6 @@
 namespace kiln::output {
 namespace {
 
-std::uint8_t code(float v) {
-  if (!(v > 0)) return 0;  // NaN too
-  return static_cast<std::uint8_t>(std::min(v, 1.f) * 255 + 0.5f);
-}
-
 /// A map from a channel's values to 0..1: (v - zero) * scale.
 struct Linear {
   math::Rgb zero, scale{1, 1, 1};
@@ -33,9 +28,9 @@ Linear linear_map(Shown shown, const ValueRange& range) {
 
 }  // namespace
 
-std::vector<std::array<std::uint8_t, 3>> show(const image::PageImage& image, Shown shown,
-                                              float exposure, const ValueRange& range) {
-  if (is_light(shown)) return tone_map(image, exposure);
+std::vector<std::array<std::uint8_t, 3>> show(const image::PageImage& image, Shown shown, Tone tone,
+                                              const ValueRange& range) {
+  if (is_light(shown)) return tone_map(image, tone);
   std::vector<std::array<std::uint8_t, 3>> out(image.rgb.size());
   const Linear map = linear_map(shown, range);
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -43,7 +38,7 @@ std::vector<std::array<std::uint8_t, 3>> show(const image::PageImage& image, Sho
     if (shown == Shown::kColor)
       out[i] = {encode_srgb(v.r), encode_srgb(v.g), encode_srgb(v.b)};
     else
-      out[i] = {code(v.r), code(v.g), code(v.b)};
+      out[i] = {plain_code(v.r), plain_code(v.g), plain_code(v.b)};
   }
   return out;
 }

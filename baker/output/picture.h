@@ -7,14 +7,16 @@
 
 #include "baker/image/page_image.h"
 #include "baker/math/vec.h"
+#include "baker/output/post.h"
 
 namespace kiln::output {
 
 /// The way in which the values of a layer become the colors of a picture. The first three make sRGB
-/// codes, the others make codes in proportion to the values: they are figures, not colors.
+/// codes (but see Tone::k), the others make codes in proportion to the values: they are figures,
+/// not colors.
 enum class Shown {
-  kPageLight,     ///< the tone curve, at the exposure of the page's irradiance
-  kOwnLight,      ///< the tone curve, at the exposure of the layer itself
+  kPageLight,     ///< a tone curve, at the exposure of the page's irradiance
+  kOwnLight,      ///< a tone curve, at the exposure of the layer itself
   kColor,         ///< as it is, 0..1
   kShare,         ///< 0 is black, 1 is white
   kSigned,        ///< 0.5 + 0.5 v
@@ -40,9 +42,9 @@ struct ValueRange {
   static constexpr float kFar = std::numeric_limits<float>::infinity();
 };
 
-/// Returns the 8-bit colors of an image's values. `exposure` is for light, `range` for kOverMaximum
-/// and kWithinBounds. A value that is no number becomes black.
-std::vector<std::array<std::uint8_t, 3>> show(const image::PageImage&, Shown, float exposure,
+/// Returns the 8-bit colors of an image's values. `tone` is for light, `range` for kOverMaximum and
+/// kWithinBounds. A value that is no number becomes black.
+std::vector<std::array<std::uint8_t, 3>> show(const image::PageImage&, Shown, Tone tone,
                                               const ValueRange& range);
 
 }  // namespace kiln::output

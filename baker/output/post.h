@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <stop_token>
 #include <vector>
 
@@ -26,11 +27,24 @@ image::PageImage compose_page(const atlas::TextureGroup&, std::uint32_t page,
 /// the tone curve. Where that percentile is black it brings the maximum there. A black page gets 1.
 float automatic_exposure(const image::PageImage&);
 
-/// Returns sRGB-encoded 8-bit RGB of exposure * value, mapped by x/(1+x), extended so that 4 maps
-/// to white.
-std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, float exposure);
+/// The way from light to 8-bit colors.
+struct Tone {
+  float exposure = 1;  ///< x = exposure * value
+  /// Null: the sRGB code of x (1 + x/16) / (1 + x), which maps 4 to white. Otherwise the code
+  /// 255 x / (k + x) [Moreno-Fortuny 4.4.2], which maps 1 to 1 / (1 + k).
+  std::optional<float> k = {};
+};
+
+/// Returns the tone of an image: an exposure that is given; or the curve k, at an exposure that
+/// takes the brightest channel of all lit texels to 1 (a black image: at 1); or an automatic
+/// exposure.
+Tone tone_of(const image::PageImage&, std::optional<float> exposure, std::optional<float> k);
+
+std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, Tone);
 
 /// Returns the sRGB code of a linear value in 0..1; values outside are clamped, NaN is 0.
 std::uint8_t encode_srgb(float linear);
+/// Returns 255 v, rounded; values outside of 0..1 are clamped, NaN is 0.
+std::uint8_t plain_code(float v);
 
 }  // namespace kiln::output

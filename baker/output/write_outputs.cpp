@@ -102,8 +102,7 @@ class Writer {
     const image::PageImage irradiance = compose(p, irradiance_);
     auto info = look_at(p, irradiance);
     if (!info) return Unexpected(info.error());
-    const float exposure =
-        settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(irradiance);
+    const Tone tone = tone_of(irradiance, settings_.output.exposure, settings_.output.tone_curve);
 
     auto images = compose_layers(p);
     if (!images) return Unexpected(images.error());
@@ -116,20 +115,21 @@ class Writer {
     }
     if (contains(settings_.output.formats, "png")) {
       info->preview = page_name(p, ".png");
-      info->preview_exposure = exposure;
+      info->preview_exposure = tone.exposure;
       tasks.push_back([&] {
-        return write_picture(info->preview, irradiance, Shown::kPageLight, exposure, {},
-                             made.preview);
+        return write_picture(info->preview, irradiance, Shown::kPageLight, tone, {}, made.preview);
       });
       for (std::size_t i = 0; i < layers_.size(); ++i)
         if (!layers_[i].is_irradiance())
           tasks.push_back([&, i] {
-            return write_layer_preview(p, layers_[i], (*images)[i], exposure,
-                                       made.layer_previews[i]);
+            return write_layer_preview(p, layers_[i], (*images)[i], tone, made.layer_previews[i]);
           });
     }
     if (contains(settings_.output.formats, "glb"))
-      tasks.push_back([&] { return make_lit_page(irradiance, info->exr, exposure, made); });
+      tasks.push_back([&] {
+        const Tone usual = tone_of(irradiance, settings_.output.exposure, {});
+        return make_lit_page(irradiance, info->exr, usual.exposure, made);
+      });
     if (auto ok = run(tasks); !ok) return ok;
 
     for (auto* file : {&made.exr, &made.preview})
@@ -254,22 +254,22 @@ class Writer {
   }
 
   proto::Expected<void> write_picture(const std::string& name, const image::PageImage& image,
-                                      Shown shown, float exposure, const ValueRange& range,
+                                      Shown shown, Tone tone, const ValueRange& range,
                                       std::optional<proto::ResultFile>& file) const {
-    const auto png =
-        image::encode_png(show(image, shown, exposure, range), image.width, image.height);
+    const auto png = image::encode_png(show(image, shown, tone, range), image.width, image.height);
     if (!png) return Unexpected(png.error());
     if (auto ok = proto::write_bytes(dir_ / name, *png); !ok) return ok;
     return digest(name, "image/png", file);
   }
 
   proto::Expected<void> write_layer_preview(std::uint32_t p, const PageLayer& layer,
-                                            const image::PageImage& image, float page_exposure,
+                                            const image::PageImage& image, Tone page_tone,
                                             std::optional<proto::ResultFile>& file) const {
     const Shown shown = layer.layer->shown;
-    const float exposure = shown == Shown::kOwnLight ? automatic_exposure(image) : page_exposure;
+    const Tone tone =
+        shown == Shown::kOwnLight ? tone_of(image, {}, settings_.output.tone_curve) : page_tone;
     const std::string name = page_name(p, std::string(".") + layer.layer->name + ".png");
-    return write_picture(name, image, shown, exposure, layer.range, file);
+    return write_picture(name, image, shown, tone, layer.range, file);
   }
 
   static proto::Expected<void> make_lit_page(const image::PageImage& image, const std::string& exr,

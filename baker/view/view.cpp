@@ -127,9 +127,11 @@ Expected<Picture> draw(const std::filesystem::path& folder, const proto::Manifes
 
   Picture picture{size.width, size.height, {}, 1};
   const output::Shown shown = pages->layer->shown;
+  output::Tone tone;
   if (output::is_light(shown))
-    picture.exposure = request.exposure.value_or(output::automatic_exposure(*seen));
-  picture.pixels = output::show(*seen, shown, picture.exposure, pages->range);
+    tone = output::tone_of(*seen, request.exposure, manifest.settings.output.tone_curve);
+  picture.exposure = tone.exposure;
+  picture.pixels = output::show(*seen, shown, tone, pages->range);
   put_on_background(picture.pixels, seen->coverage);
   return picture;
 }

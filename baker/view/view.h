@@ -32,7 +32,9 @@ struct Request {
   /// The picture shows the light that leaves the surface: albedo / pi times the layer, which is
   /// irradiance, and what the surface emits.
   bool shaded = false;
-  std::optional<float> exposure;  ///< factor on light before the tone curve; null: automatic
+  /// Factor on light before the usual tone curve. Null: automatic, or the bake's output.tone_curve
+  /// over the brightest value that is seen.
+  std::optional<float> exposure;
 };
 
 /// Reads "WIDTHxHEIGHT". Errors: `bad_request`, with the pointer /query/size.

@@ -107,9 +107,10 @@ Expected<std::string> render_preview(const Results& part, const http::Request& r
     if (!read) return proto::Unexpected(read.error());
     image = std::move(*read);
   }
-  const float scale =
-      exposure->value_or(job.settings.output.exposure.value_or(output::automatic_exposure(image)));
-  return image::encode_png(output::tone_map(image, scale), image.width, image.height);
+  const proto::OutputSettings& asked = job.settings.output;
+  const output::Tone tone =
+      output::tone_of(image, *exposure ? *exposure : asked.exposure, asked.tone_curve);
+  return image::encode_png(output::tone_map(image, tone), image.width, image.height);
 }
 
 }  // namespace

@@ -146,7 +146,7 @@ Expected<Picture> contact_sheet(const std::vector<ComparedPass>& passes,
     }
     const auto column = std::uint32_t(p) % kColumns, row = std::uint32_t(p) / kColumns;
     const std::uint32_t x = kGap + column * (width + kGap), y = kGap + row * 2 * (height + kGap);
-    put(sheet, x, y, width, output::tone_map(candidate, exposure));
+    put(sheet, x, y, width, output::tone_map(candidate, {exposure}));
     const double white = passes[p].figures.scale / diff_scale;
     put(sheet, x, y + height + kGap, width,
         output::error_map({reference, candidate}, white).pixels);

@@ -51,7 +51,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
                "direction_set": "hemicube", "rotate_directions": false, "mip_radiosity": false,
                "rtrad_compat": false, "series": "unbiased", "initial_samples": 8,
                "same_directions": true, "light_sampling": "stratified", "ambient_term": true,
-               "emitters": "explicit", "allow_expensive": true},
+               "emitters": "explicit", "near_field": false, "link_error": 0.5,
+               "allow_expensive": true},
     "sky": {"radiance": [0.1, 2, 3000.7], "map": "skies/n\u00f6n.exr", "scale": 0.5,
             "rotation": -90},
     "lights": [
@@ -64,7 +65,7 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "allow_dark": true,
     "post": {"filter": false, "dilate": 0},
     "output": {"precision": "float", "layers": ["indirect", "direct"], "formats": ["glb"],
-               "exposure": 0.0125},
+               "exposure": 0.0125, "tone_curve": null, "preview_fade": 0.25},
     "report": {"against": "refs/page_00.exr", "samples": 12, "error_scale": 2.5}})";
   const auto settings = parse_settings(text);
   ASSERT_TRUE(settings) << settings.error().message;
@@ -100,7 +101,7 @@ TEST(Settings, AllProblemsAreToldAtOnce) {
   EXPECT_EQ(places["/solver/seed"], "expected an integer from 0 to 9007199254740991, found -1");
   EXPECT_EQ(places["/solver/method"],
             "expected one of \"gather\", \"path\", \"pairwise\", \"matrix\", \"radiosity_map\", "
-            "\"directional\", found \"magic\"");
+            "\"directional\", \"links\", found \"magic\"");
   EXPECT_EQ(places["/atlas"], "expected an object, found 5");
   EXPECT_EQ(places["/postt"], "unknown setting \"postt\"; did you mean \"post\"?");
   EXPECT_EQ(places["/lights/1"], "expected an object, found 3");
@@ -160,6 +161,37 @@ TEST(Settings, ListsOfWords) {
   EXPECT_EQ(pointer_of(R"({"output": {"formats": ["exr", "tga"]}})"), "/output/formats");
   EXPECT_EQ(pointer_of(R"({"output": {"formats": ["exr", 1]}})"), "/output/formats");
   EXPECT_TRUE(parse_settings(R"({"output": {"formats": ["png"]}})"));
+}
+
+TEST(Settings, ALayerOfErrorsNeedsAReference) {
+  const std::string layers = R"({"output": {"layers": ["irradiance", "error"]})";
+  EXPECT_EQ(pointer_of(layers + "}"), "/output/layers");
+  EXPECT_EQ(pointer_of(layers + R"(, "report": {"against": null}})"), "/output/layers");
+  EXPECT_TRUE(parse_settings(layers + R"(, "report": {"against": "path"}})"));
+}
+
+TEST(Settings, ALayerOfTheQuadtreeNeedsItsNodes) {
+  EXPECT_TRUE(parse_settings(R"({"solver": {"subdivision_max_node": 12}})"));
+  EXPECT_EQ(
+      pointer_of(R"({"solver": {"subdivision_max_node": 12}, "output": {"layers": ["tree"]}})"),
+      "/solver/subdivision_max_node");
+  EXPECT_TRUE(parse_settings(
+      R"({"solver": {"subdivision_max_node": 16}, "output": {"layers": ["tree"]}})"));
+}
+
+TEST(Settings, AToneCurveAndAnExposureExcludeEachOther) {
+  EXPECT_EQ(parse_settings(R"({"output": {"tone_curve": 0.05}})")->output.tone_curve, 0.05f);
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": 0.05, "exposure": 1}})"), "/output/tone_curve");
+  EXPECT_TRUE(parse_settings(R"({"output": {"tone_curve": 0.05, "exposure": null}})"));
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": 0}})"), "/output/tone_curve");
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": true}})"), "/output/tone_curve");
+}
+
+TEST(Settings, PreviewsGoSomeOfTheWay) {
+  EXPECT_EQ(parse_settings("{}")->output.preview_fade, 1);
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": 0}})"), "/output/preview_fade");
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": 1.5}})"), "/output/preview_fade");
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": null}})"), "/output/preview_fade");
 }
 
 TEST(Settings, GutterMustLeaveRoomOnThePage) {

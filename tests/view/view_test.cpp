@@ -107,8 +107,28 @@ TEST(View, ShadedIsTheLightThatLeavesTheSurface) {
                            .draw(scene, request);
   ASSERT_TRUE(picture) << picture.error().message;
   const image::PageImage expected{1, 1, {{0.5f, 0.75f, 0.98f}}, {1}};
-  EXPECT_EQ(pixel(*picture, 2, 2), output::tone_map(expected, 0.5f).at(0));
+  EXPECT_EQ(pixel(*picture, 2, 2), output::tone_map(expected, {0.5f}).at(0));
   EXPECT_EQ(picture->exposure, 0.5f);
+}
+
+TEST(View, LightHasTheToneCurveOfTheBake) {
+  const scene::Scene scene = test::SceneBuilder().part(unit_square()).build();
+  BakedFolder baked("irradiance", {page_of(4, [](auto x, auto) {
+                      const float e = x < 2 ? 200.f : 20.f;
+                      return math::Rgb{e, e, e};
+                    })});
+  baked.nodes({0}).manifest.settings.output.tone_curve = 0.1f;
+  Request request = square_request("irradiance");
+  const auto picture = baked.draw(scene, request);
+  ASSERT_TRUE(picture) << picture.error().message;
+  EXPECT_FLOAT_EQ(picture->exposure, 1 / 200.f) << "the brightest value is 1";
+  EXPECT_EQ(pixel(*picture, 0, 1), (Code{232, 232, 232}));  // 1 / 1.1
+  EXPECT_EQ(pixel(*picture, 3, 1), (Code{128, 128, 128}));  // 0.1 / 0.2
+  request.exposure = 0.01f;
+  const auto exposed = baked.draw(scene, request);
+  ASSERT_TRUE(exposed) << exposed.error().message;
+  const image::PageImage bright{1, 1, {{200, 200, 200}}, {1}};
+  EXPECT_EQ(pixel(*exposed, 0, 1), output::tone_map(bright, {0.01f}).at(0)) << "the usual curve";
 }
 
 TEST(View, ASourceLiesOnItsPageAsTheManifestSays) {
