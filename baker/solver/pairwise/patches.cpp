@@ -10,13 +10,15 @@
 namespace kiln::solver::pairwise {
 namespace {
 
+constexpr std::uint32_t kLook = 4096;  ///< texels between two looks at the stop token
+
 std::uint32_t points_per_texel(std::uint32_t pair_samples) {
   return pair_samples > 1 ? Patches::kPoints : 1;
 }
 
 }  // namespace
 
-Patches::Patches(const World& world, std::uint32_t pair_samples)
+Patches::Patches(const World& world, std::uint32_t pair_samples, const std::stop_token& stop)
     : texels_(world.texels),
       pair_samples_(pair_samples),
       per_texel_(points_per_texel(pair_samples)),
@@ -24,8 +26,10 @@ Patches::Patches(const World& world, std::uint32_t pair_samples)
       seed_(sampling::hash(std::uint32_t(world.settings.seed),
                            std::uint32_t(world.settings.seed >> 32))) {
   points_.reserve(std::size_t(size()) * per_texel_);
-  for (std::uint32_t t = 0; t < size(); ++t)
+  for (std::uint32_t t = 0; t < size(); ++t) {
+    if (t % kLook == 0 && stop.stop_requested()) return;
     per_texel_ == 1 ? add_middle(world, t) : add_footprint(world, t);
+  }
 }
 
 double Patches::memory_per_texel(std::uint32_t pair_samples) {
