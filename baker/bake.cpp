@@ -9,6 +9,7 @@
 
 #include "baker/checkpoint/checkpoints.h"
 #include "baker/image/image.h"
+#include "baker/made_layers.h"
 #include "baker/methods.h"
 #include "baker/output/output.h"
 #include "baker/preflight.h"
@@ -194,16 +195,18 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   if (reference->wanted() && !compared->page)
     manifest.warnings.push_back({"report_left_out", "",
                                  "The bake was ended early, so its result is not compared with "
-                                 "what report.against names."});
+                                 "what report.against names, and a layer `error` is black."});
 
   // 4. Write the files.
   reporter.enter("output", kSolvedAt);
   const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
     return source->write_lit(path, bake.scene, *bake.atlas, pages, std::move(until));
   };
-  const output::OutputInput output{write_lit,           bake.scene,       *bake.atlas,
-                                   *bake.texels,        *solution->light, solution->filtered,
-                                   std::move(*compared)};
+  auto made = make_layers(bake, input.settings, *solution, *compared, stop);
+  if (!made) return Unexpected(made.error());
+  const output::OutputInput output{
+      write_lit,        bake.scene,         *bake.atlas,          *bake.texels,
+      *solution->light, solution->filtered, std::move(*compared), std::move(*made)};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   if (!checkpoints.writer().flush()) return proto::canceled();

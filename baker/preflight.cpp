@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "baker/lightmap/lightmap.h"
+#include "baker/made_layers.h"
 #include "baker/methods.h"
 #include "baker/reference.h"
 
@@ -29,6 +30,8 @@ constexpr double kSquare = 8;
 constexpr double kImage = 16, kEncoders = 48;
 /// The samples of one further picture of a page, twice, and its file.
 constexpr double kPicture = 9;
+/// Light that fades: what a preview shows, and what the next one will.
+constexpr double kFading = 2 * 3 * sizeof(math::Rgb);
 /// What the allocator holds on to.
 constexpr double kSlack = 1.15;
 
@@ -104,7 +107,8 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const bool smooths = method.filtered && settings.post.filter;
   const lightmap::Lightmap none(1);
   const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
-  const double base = texels * (kSurface + light);
+  const double fading = settings.output.preview_fade < 1 ? kFading : 0;
+  const double base = texels * (kSurface + light + fading);
   const double bouncing = base + own.all_passes + texels * own.texel_pass;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
   const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColors);
@@ -118,18 +122,22 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
       draws ? std::count_if(layers.begin(), layers.end(),
                             [](const std::string& name) { return name != "irradiance"; })
             : 0;
-  const double writing =
-      base + filtered +
-      page * (kImage * double(1 + layers.size()) + kEncoders + kPicture * double(pictures));
+  const LayerMemory made = layer_memory(settings, texels);
+  const double finished = base + filtered + made.kept;
+  const double writing = finished + page * (kImage * double(1 + layers.size()) + kEncoders +
+                                            kPicture * double(pictures));
+  double making = finished + made.making;
   double reporting = 0;
   if (settings.report.against) {
     const auto id = settings.report.method();
     if (id) reporting = base + filtered + reference_bytes(settings, *id, texels);
-    reporting = std::max(reporting, base + filtered + (id ? texels * sizeof(math::Rgb) : 0) +
-                                        page * (2 * kImage + kPicture + kEncoders));
+    const double reference = id ? texels * sizeof(math::Rgb) : 0;
+    reporting =
+        std::max(reporting, finished + reference + page * (2 * kImage + kPicture + kEncoders));
+    making += reference + page * kImage;
   }
-  const double most = std::max({bouncing, filtering, writing, reporting}) + squares * kSquare +
-                      double(scene.triangles.size()) * kTriangle +
+  const double most = std::max({bouncing, filtering, making, writing, reporting}) +
+                      squares * kSquare + double(scene.triangles.size()) * kTriangle +
                       double(scene::memory_bytes(scene)) +
                       double(scene.sky_map.texels.size()) * kSkyPixel;
   return kProcessBytes + std::uint64_t(kSlack * most);

@@ -72,19 +72,6 @@ TexelValue validity(const OutputInput& in) {
   return [&light = in.light](auto i) -> Rgb { return gray(light.validity[i]); };
 }
 
-/// Returns a color for a number. Hues of numbers that follow each other lie far apart, since they
-/// advance by the golden section of the circle.
-Rgb color_of(std::uint32_t number) {
-  constexpr double kGolden = 0.6180339887498949;
-  constexpr float kPale = 0.15f, kBright = 0.85f;
-  const double turns = double(number) * kGolden;
-  const float hue = 6 * float(turns - std::floor(turns));
-  const auto channel = [&](float peak) {
-    const float away = std::abs(hue - peak);  // sixths of the circle
-    return std::clamp(2 - std::min(away, 6 - away), 0.f, 1.f) * (kBright - kPale) + kPale;
-  };
-  return {channel(0), channel(2), channel(4)};
-}
 TexelValue chart(const OutputInput& in) {
   return [&texels = in.texels](auto i) -> Rgb { return color_of(texels.chart[i]); };
 }
@@ -99,6 +86,8 @@ TexelValue texel_checker(const OutputInput& in) {
     return kColors[(x / 16 + y / 16) % 2][(x + y) % 2];
   };
 }
+
+constexpr TexelValue (*kMade)(const OutputInput&) = nullptr;
 
 constexpr std::array kLayers{
     Layer{"irradiance", irradiance, Shown::kPageLight},
@@ -116,11 +105,11 @@ constexpr std::array kLayers{
     Layer{"validity", validity, Shown::kShare},
     Layer{"chart", chart, Shown::kColor},
     Layer{"texel_checker", texel_checker, Shown::kColor},
-    Layer{"mip", area, Shown::kOwnLight},
-    Layer{"tree", area, Shown::kOverMaximum},
-    Layer{"senders", area, Shown::kOverMaximum},
-    Layer{"voxels", area, Shown::kColor},
-    Layer{"error", area, Shown::kOwnLight},
+    Layer{"mip", kMade, Shown::kOwnLight},
+    Layer{"tree", kMade, Shown::kOverMaximum},
+    Layer{"senders", kMade, Shown::kOverMaximum},
+    Layer{"voxels", kMade, Shown::kColor},
+    Layer{"error", kMade, Shown::kOwnLight},
 };
 static_assert(std::ranges::equal(
                   kLayers, proto::kLayerNames, {},
@@ -138,6 +127,25 @@ const Layer* find_layer(std::string_view name) {
   const auto found =
       std::ranges::find(kLayers, name, [](const Layer& l) { return std::string_view(l.name); });
   return found == kLayers.end() ? nullptr : &*found;
+}
+
+proto::Expected<TexelValue> values_of(const Layer& layer, const OutputInput& in) {
+  if (layer.value) return layer.value(in);
+  const auto made = in.made.find(layer.name);
+  if (made != in.made.end()) return made->second;
+  return proto::fail("internal", std::string("The layer '") + layer.name + "' was not made.");
+}
+
+Rgb color_of(std::uint32_t number) {
+  constexpr double kGolden = 0.6180339887498949;
+  constexpr float kPale = 0.15f, kBright = 0.85f;
+  const double turns = double(number) * kGolden;
+  const float hue = 6 * float(turns - std::floor(turns));
+  const auto channel = [&](float peak) {
+    const float away = std::abs(hue - peak);  // sixths of the circle
+    return std::clamp(2 - std::min(away, 6 - away), 0.f, 1.f) * (kBright - kPale) + kPale;
+  };
+  return {channel(0), channel(2), channel(4)};
 }
 
 }  // namespace kiln::output

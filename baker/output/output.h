@@ -46,6 +46,9 @@ struct OutputInput {
   const lightmap::Lightmap& light;
   const denoise::FilteredLight& filtered;
   Reference reference = {};  ///< of the report; without a page there is no report
+  /// By name, the values of those layers of the settings that have none of their own, see
+  /// Layer::value. They are called from many threads.
+  std::map<std::string, TexelValue> made = {};
 };
 /// Writes all files that the settings ask for into `dir`. Each is written as a temporary that is
 /// flushed, then renamed when it is whole; the files of a page are written at the same time. Fills

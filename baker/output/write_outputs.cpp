@@ -68,7 +68,9 @@ class Writer {
     for (const std::string& name : settings_.output.layers) {
       const Layer* layer = find_layer(name);
       if (!layer) return proto::fail("internal", "There is no layer '" + name + "'.");
-      layers_.push_back({layer, layer->value(in_), {}});
+      auto value = values_of(*layer, in_);
+      if (!value) return Unexpected(value.error());
+      layers_.push_back({layer, std::move(*value), {}});
       if (auto ok = measure(layers_.back()); !ok) return ok;
     }
     irradiance_ = layers().front().value(in_);

@@ -15,5 +15,6 @@ inline bool emitters_send(const proto::SolverSettings& s) {
 /// sample points. For methods that transport the light of emitters as that of any texel
 /// [RTRad 4.7]. Backs of double-sided emitters shine, too.
 std::vector<math::Rgb> texel_emittance(const World&);
+math::Rgb texel_emittance(const World&, std::uint32_t texel);
 
 }  // namespace kiln::solver

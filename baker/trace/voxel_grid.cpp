@@ -133,16 +133,14 @@ void VoxelGrid::fill(const Vec3 (&corners)[3], VoxelFill fill) {
 }
 
 void VoxelGrid::set(const std::int32_t (&voxel)[3]) {
-  const std::size_t i =
-      (std::size_t(voxel[2]) * size_[1] + std::size_t(voxel[1])) * size_[0] + std::size_t(voxel[0]);
+  const std::size_t i = index(voxel);
   bits_[i / 64] |= std::uint64_t(1) << i % 64;
 }
 
 bool VoxelGrid::is_set(const std::int32_t (&voxel)[3]) const {
   for (int a = 0; a < 3; ++a)
     if (voxel[a] < 0 || voxel[a] >= size_[a]) return false;
-  const std::size_t i =
-      (std::size_t(voxel[2]) * size_[1] + std::size_t(voxel[1])) * size_[0] + std::size_t(voxel[0]);
+  const std::size_t i = index(voxel);
   return bits_[i / 64] >> i % 64 & 1;
 }
 
@@ -152,15 +150,26 @@ std::uint64_t VoxelGrid::solid_voxels() const {
   return sum;
 }
 
-bool VoxelGrid::is_solid(Vec3 point) const {
+void VoxelGrid::locate(Vec3 point, std::int32_t (&voxel)[3]) const {
   const Vec3 p = in_voxels(point);
-  std::int32_t voxel[3];
   for (int a = 0; a < 3; ++a) {
     // A point on the upper face of the bounds belongs to the last voxel, which holds that surface.
     const float c = std::floor(axis(p, a)), size = float(size_[a]);
     voxel[a] = c < 0 ? -1 : c > size ? size_[a] : std::min(std::int32_t(c), size_[a] - 1);
   }
+}
+
+bool VoxelGrid::is_solid(Vec3 point) const {
+  std::int32_t voxel[3];
+  locate(point, voxel);
   return is_set(voxel);
+}
+
+std::uint32_t VoxelGrid::voxel_of(Vec3 point) const {
+  std::int32_t voxel[3];
+  locate(point, voxel);
+  for (int a = 0; a < 3; ++a) voxel[a] = std::clamp(voxel[a], 0, size_[a] - 1);
+  return std::uint32_t(index(voxel));
 }
 
 bool VoxelGrid::meets_at_steps(Vec3 from, Vec3 to, std::uint32_t steps) const {

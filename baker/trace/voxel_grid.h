@@ -36,6 +36,10 @@ class VoxelGrid {
 
   /// Returns whether the voxel around a point is solid; there are none outside.
   bool is_solid(math::Vec3 point) const;
+  /// Returns the number of the voxel around a point of the scene, which must have some. A point
+  /// outside of the grid has the nearest voxel: rounding may take a point of a wall there.
+  std::uint32_t voxel_of(math::Vec3 point) const;
+  bool is_solid_voxel(std::uint32_t voxel) const { return bits_[voxel / 64] >> voxel % 64 & 1; }
 
   /// Returns whether one of `steps` points, evenly spaced from one end to the other, lies in a
   /// solid voxel [RTRad 5.3.1, fig. 5.7].
@@ -48,6 +52,12 @@ class VoxelGrid {
   void fill(const math::Vec3 (&corners)[3], VoxelFill);
   void set(const std::int32_t (&voxel)[3]);
   bool is_set(const std::int32_t (&voxel)[3]) const;
+  /// Finds the voxel around a point; one that is outside lies beyond the grid's ends.
+  void locate(math::Vec3 point, std::int32_t (&voxel)[3]) const;
+  std::size_t index(const std::int32_t (&voxel)[3]) const {
+    return (std::size_t(voxel[2]) * size_[1] + std::size_t(voxel[1])) * size_[0] +
+           std::size_t(voxel[0]);
+  }
   math::Vec3 in_voxels(math::Vec3 point) const { return (point - low_) * (1 / side_); }
 
   math::Vec3 low_;

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "baker/image/image.h"
 #include "clients/client.h"
 #include "proto/bake_settings.h"
 #include "tests/http/event_stream.h"
@@ -188,6 +189,87 @@ TEST_F(Bakes, APreviewWhileItRunsAndAfterwards) {
     EXPECT_EQ(curl("'" + job_url(id, std::string("/preview") + query) + "'").status, 400) << query;
 }
 
+/// Returns the bytes of the colors of a PNG.
+std::vector<std::uint8_t> pixels(const std::string& png) {
+  const auto header = image::read_header(png);
+  if (!header) return {};
+  std::vector<std::array<std::uint8_t, 4>> texels(std::size_t(header->size.width) *
+                                                  header->size.height);
+  if (!image::decode_rgba8(*header, texels, {})) return {};
+  std::vector<std::uint8_t> rgb;
+  for (const auto& texel : texels) rgb.insert(rgb.end(), texel.begin(), texel.begin() + 3);
+  return rgb;
+}
+
+TEST_F(Bakes, PreviewsHaveTheToneCurveOfTheSettings) {
+  const std::string id =
+      post_job(program, write_scene(folder.path(), "cornell"),
+               R"({"atlas":{"page_size":64},"solver":{"samples":8},"output":{"tone_curve":0.05}})");
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=30") + "'").body, "state"), "succeeded");
+  const auto brightest = [&](const std::string& rest) {
+    const auto rgb = pixels(curl("'" + job_url(id, rest) + "'").body);
+    return rgb.empty() ? 0 : int(*std::ranges::max_element(rgb));
+  };
+  for (const char* picture : {"/preview", "/results/page_00.png"})
+    EXPECT_EQ(brightest(picture), 243) << picture << ": 255 / 1.05, not scaled to white";
+  EXPECT_EQ(brightest("/view?size=64x64"), 243);
+  EXPECT_EQ(brightest("/preview?exposure=1000"), 255) << "the usual curve";
+}
+
+TEST_F(Bakes, PreviewsOfARunningBakeFade) {
+  // Pictures after some passes; the jobs would go on for long.
+  const auto picture = [&](const char* fade) {
+    const std::string settings =
+        R"({"atlas":{"page_size":128},"solver":{"method":"radiosity_map","samples":65536},
+            "output":{"preview_fade":)" +
+        std::string(fade) + "}}";
+    const std::string id = post_job(program, write_scene(folder.path(), "cornell"), settings);
+    Answer seen;
+    // The ETag is "attempt-pass".
+    const auto pass = [&] {
+      return seen.status == 200 ? std::atoi(seen.headers.at("etag").c_str() + 3) : 0;
+    };
+    do {
+      seen = ask(program.port(), "GET", "/v1/jobs/" + id + "/preview?exposure=1e-3");
+    } while (seen.status == 425 || (seen.status == 200 && pass() < 8));
+    EXPECT_EQ(seen.status, 200) << seen.body;
+    EXPECT_LT(pass(), 30);
+    const Answer state = ask(program.port(), "GET", "/v1/jobs/" + id);
+    EXPECT_EQ(member(state.body, "state"), "running");
+    ask(program.port(), "POST", "/v1/jobs/" + id + "/cancel");
+    return pixels(seen.body);
+  };
+  const auto faded = picture("0.01"), plain = picture("1");
+  ASSERT_EQ(faded.size(), plain.size());
+  double sums[2] = {};
+  for (std::size_t i = 0; i < plain.size(); ++i)
+    sums[0] += double(faded[i]), sums[1] += double(plain[i]);
+  EXPECT_GT(sums[0], 0.1 * sums[1]) << "it begins with the direct light";
+  EXPECT_LT(sums[0], 0.9 * sums[1]) << "it has little of the bounces yet";
+}
+
+TEST_F(Bakes, LayersThatNeedTheSolverOnThePageAndOnTheModel) {
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), R"({
+    "atlas": {"page_size": 64},
+    "solver": {"method": "pairwise", "direct_samples": 16, "bounces": 1,
+               "undersampling": "monte_carlo", "window": 4, "voxel_march": "fixed_steps"},
+    "output": {"layers": ["irradiance", "mip", "tree", "senders", "voxels", "error"]},
+    "report": {"against": "path", "samples": 16}})");
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=60") + "'").body, "state"), "succeeded");
+  std::set<std::string> pictures;
+  for (const char* layer : {"irradiance", "mip", "tree", "senders", "voxels", "error"}) {
+    const Answer view =
+        curl("'" + job_url(id, "/view?size=80x60&layer=" + std::string(layer)) + "'");
+    EXPECT_EQ(view.status, 200) << layer << view.body;
+    pictures.insert(view.body);
+    if (layer == std::string("irradiance")) continue;
+    const Answer page = curl(job_url(id, "/results/page_00." + std::string(layer) + ".png"));
+    EXPECT_EQ(page.status, 200) << layer << page.body;
+    EXPECT_TRUE(page.body.starts_with("\x89PNG")) << layer;
+  }
+  EXPECT_EQ(pictures.size(), 6u) << "each shows something else";
+}
+
 TEST_F(Bakes, AViewOfTheFinishedJob) {
   const std::string settings =
       R"({"atlas":{"page_size":64},"solver":{"samples":8},"output":{"layers":["irradiance","normal"]}})";
@@ -251,6 +333,10 @@ TEST_F(Bakes, WhatIsWrongWithTheInputIsNamedBeforeAJobExists) {
          "/solver/samples");
   expect(settings(R"({"atlas":{"gutter":-1}})"), 422, "invalid_settings", "settings",
          "/atlas/gutter");
+  expect(settings(R"({"output":{"layers":["error"]}})"), 422, "invalid_settings", "settings",
+         "/output/layers");
+  expect(settings(R"({"output":{"tone_curve":0.1,"exposure":2}})"), 422, "invalid_settings",
+         "settings", "/output/tone_curve");
   expect(settings(R"({"a/b":1})"), 422, "invalid_settings", "settings", "/a~1b");
   expect(settings("{"), 400, "invalid_json", "", "");
   expect(text("no.glb", "PNG is no scene"), 422, "invalid_scene", "scene", "");

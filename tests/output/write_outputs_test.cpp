@@ -24,6 +24,7 @@ struct Baked {
   lightmap::Lightmap light;
   proto::BakeSettings settings;
   proto::Manifest manifest;
+  std::map<std::string, TexelValue> made;
   exec::ThreadPool pool{2};
 
   Baked() {
@@ -54,8 +55,8 @@ struct Baked {
     const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
       return source.write_lit(path, scene, atlas, pages, std::move(until));
     };
-    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered}, settings,
-                         manifest, pool, stop);
+    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered, {}, made},
+                         settings, manifest, pool, stop);
   }
 };
 
@@ -138,9 +139,17 @@ std::vector<std::string> all_layers() {
   return names;
 }
 
+/// Asks for all layers. Those that whoever bakes has to make hold the numbers of the texels.
+void ask_for_all(Baked& baked) {
+  baked.settings.output.layers = all_layers();
+  for (const Layer& layer : layers())
+    if (!layer.value)
+      baked.made[layer.name] = [](std::uint32_t t) { return math::Rgb{float(t), 1, 2}; };
+}
+
 TEST(WriteOutputs, EveryLayerHasAPicture) {
   Baked baked;
-  baked.settings.output.layers = all_layers();
+  ask_for_all(baked);
   ASSERT_TRUE(baked.write());
   std::set<std::string> listed;
   for (const auto& file : baked.manifest.files) listed.insert(file.name);
@@ -159,7 +168,7 @@ TEST(WriteOutputs, EveryLayerHasAPicture) {
 
 TEST(WriteOutputs, LayersOfTheSurfaceAreThoseOfItsTexels) {
   Baked baked;
-  baked.settings.output.layers = all_layers();
+  ask_for_all(baked);
   baked.settings.output.precision = proto::Precision::kFloat;
   for (std::uint32_t i = 0; i < baked.texels.size(); ++i)
     baked.light.validity[i] = i % 2 == 0 ? 1.f : 0.25f;
@@ -202,6 +211,42 @@ TEST(WriteOutputs, LayersOfTheSurfaceAreThoseOfItsTexels) {
       if (a != b) {
         EXPECT_NE(color, other) << a << " " << b;
       }
+}
+
+TEST(WriteOutputs, LayersThatAreMadeAboveHaveTheirValues) {
+  Baked baked;
+  ask_for_all(baked);
+  baked.settings.output.precision = proto::Precision::kFloat;
+  ASSERT_TRUE(baked.write());
+  EXPECT_EQ(baked.made.size(), 5u);
+  for (const auto& [name, value] : baked.made) {
+    const auto layer = image::read_exr(baked.out() / "page_00.exr", name).value();
+    for (std::uint32_t t = 0; t < baked.texels.front_count; ++t)
+      EXPECT_EQ(layer.rgb[std::size_t(baked.texels.y[t]) * layer.width + baked.texels.x[t]],
+                value(t));
+  }
+  baked.made.erase("tree");
+  const auto ok = baked.write();
+  ASSERT_FALSE(ok) << "a layer without values is not written as something else";
+  EXPECT_EQ(ok.error().code, "internal");
+}
+
+TEST(WriteOutputs, AToneCurveIsForPicturesAlone) {
+  Baked plain, curved;
+  curved.settings.output.tone_curve = 0.05f;
+  for (Baked* baked : {&plain, &curved}) {
+    baked->settings.output.layers = {"irradiance", "direct", "emission", "normal"};
+    ASSERT_TRUE(baked->write());
+  }
+  const auto same = [&](const char* name) {
+    return test::read_bytes(plain.out() / name) == test::read_bytes(curved.out() / name);
+  };
+  const proto::PageInfo& page = curved.manifest.pages[0];
+  EXPECT_FLOAT_EQ(page.preview_exposure, 1 / page.max_lx);
+  EXPECT_TRUE(same("lit.glb"));
+  EXPECT_TRUE(same("page_00.normal.png"));
+  for (const char* name : {"page_00.png", "page_00.direct.png", "page_00.emission.png"})
+    EXPECT_FALSE(same(name)) << name;
 }
 
 TEST(WriteOutputs, APositionBeyondHalfIsWrittenAsFloat) {

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <random>
+#include <set>
 
 #include "baker/trace/visibility.h"
 #include "tests/solver/cornell_box.h"
@@ -50,6 +51,27 @@ TEST(Voxels, EveryPointOfASurfaceLiesInASolidOne) {
         near = grid.is_solid(p + math::Vec3{k & 1 ? e : -e, k & 2 ? e : -e, k & 4 ? e : -e});
       ASSERT_TRUE(near) << t;
     }
+}
+
+TEST(Voxels, HaveNumbersOfTheirOwn) {
+  const auto box = cornell(16);
+  const VoxelGrid grid = grid_of(box->scene(), 8, VoxelFill::kConservative);
+  const float side = grid.voxel_m();
+  ASSERT_FLOAT_EQ(side, 0.25f) << "the box reaches from -1, 0, -1 to 1, 2, 1";
+  std::set<std::uint32_t> numbers;
+  for (int x = 0; x < 8; ++x)
+    for (int y = 0; y < 8; ++y)
+      for (int z = 0; z < 8; ++z) {
+        const math::Vec3 low{float(x) * side - 1, float(y) * side, float(z) * side - 1};
+        const auto at = [&](float share) { return low + math::Vec3{side, side, side} * share; };
+        const std::uint32_t voxel = grid.voxel_of(at(0.1f));
+        EXPECT_EQ(grid.voxel_of(at(0.9f)), voxel);
+        EXPECT_EQ(grid.is_solid_voxel(voxel), grid.is_solid(at(0.5f)));
+        numbers.insert(voxel);
+      }
+  EXPECT_EQ(numbers.size(), 512u);
+  EXPECT_EQ(grid.voxel_of({-1.001f, 1.1f, 0.1f}), grid.voxel_of({-0.9f, 1.1f, 0.1f}))
+      << "a point that rounding took out of the grid";
 }
 
 TEST(Voxels, TheRasterizersGridIsPartOfTheConservativeOne) {

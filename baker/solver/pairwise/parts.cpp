@@ -12,9 +12,7 @@ std::unique_ptr<const trace::Visibility> Parts::make_visibility(const World& w) 
     return std::make_unique<trace::RayVisibility>(w.rays);
   const bool is_exact = s.voxel_march == proto::VoxelMarch::kExact;
   // Nothing stops this: the largest grid takes less than a second.
-  auto grid = trace::VoxelGrid::build(
-      w.scene, s.voxel_grid,
-      is_exact ? trace::VoxelFill::kConservative : trace::VoxelFill::kDominantAxis);
+  auto grid = trace::VoxelGrid::build(w.scene, s.voxel_grid, voxel_fill(s));
   using enum trace::VoxelVisibility::March;
   return std::make_unique<trace::VoxelVisibility>(std::move(*grid), is_exact ? kExact : kFixedSteps,
                                                   s.voxel_ratio, w.rays);

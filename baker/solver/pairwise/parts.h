@@ -27,6 +27,11 @@ struct Parts {
 
   /// Returns rays, or voxels in their place. @param w outlives the result
   static std::unique_ptr<const trace::Visibility> make_visibility(const World& w);
+  /// Returns the voxels that a grid for the march of the settings has.
+  static trace::VoxelFill voxel_fill(const proto::SolverSettings& s) {
+    return s.voxel_march == proto::VoxelMarch::kExact ? trace::VoxelFill::kConservative
+                                                      : trace::VoxelFill::kDominantAxis;
+  }
   /// Returns the words per texel that remember what is seen; 0 when nothing does.
   std::uint32_t seen_words() const {
     if (world.settings.visibility != proto::VisibilityKind::kCached) return 0;

@@ -11,6 +11,8 @@
 namespace kiln::solver::pairwise {
 namespace {
 
+constexpr std::uint32_t kLook = 4096;  ///< texels between two looks at the stop token
+
 std::uint32_t points_per_texel(std::uint32_t pair_samples) {
   return pair_samples > 1 ? Patches::kPoints : 1;
 }
@@ -38,7 +40,7 @@ Patches::Point visible_middle(const Footprint& at, std::uint32_t hidden) {
 
 }  // namespace
 
-Patches::Patches(const World& world, std::uint32_t pair_samples)
+Patches::Patches(const World& world, std::uint32_t pair_samples, const std::stop_token& stop)
     : texels_(world.texels),
       pair_samples_(pair_samples),
       per_texel_(points_per_texel(pair_samples)),
@@ -48,6 +50,7 @@ Patches::Patches(const World& world, std::uint32_t pair_samples)
   points_.reserve(std::size_t(size()) * per_texel_);
   visible_share_.reserve(size());
   for (std::uint32_t t = 0; t < size(); ++t) {
+    if (t % kLook == 0 && stop.stop_requested()) return;
     const Footprint at(world, t);
     const std::uint32_t hidden = hidden_points(world, at);
     visible_share_.push_back(1 - float(std::popcount(hidden)) / kPoints);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "baker/solver/footprint.h"
@@ -20,8 +21,8 @@ class Patches {
  public:
   static constexpr std::uint32_t kPoints = atlas::TextureGroup::kPointsPerTexel;
 
-  /// Takes memory_per_texel() for every texel.
-  Patches(const World&, std::uint32_t pair_samples);
+  /// Takes memory_per_texel() for every texel. When stopped, it ends early and must not be used.
+  Patches(const World&, std::uint32_t pair_samples, const std::stop_token& = {});
   static double memory_per_texel(std::uint32_t pair_samples);
 
   std::uint32_t size() const { return texels_.size(); }

@@ -16,13 +16,14 @@ using proto::Undersampling;
 /// What is the same for all draws of a bake, and what differs with the receiver.
 constexpr std::uint32_t kCharts = 0x63686172, kReceivers = 0x72656376;
 
-std::optional<Windows> windows_of(const World& world, const Patches& patches) {
+std::optional<Windows> windows_of(const World& world, const Patches& patches,
+                                  const std::stop_token& stop) {
   const proto::SolverSettings& s = world.settings;
   if (s.undersampling != Undersampling::kNone) {
     if (patches.window() == 1) return std::nullopt;
-    return Windows(world.texels, patches.window());
+    return Windows(world.texels, patches.window(), stop);
   }
-  if (s.subdivision_threshold) return Windows(world.texels, s.subdivision_max_node);
+  if (s.subdivision_threshold) return Windows(world.texels, s.subdivision_max_node, stop);
   return std::nullopt;
 }
 
@@ -70,13 +71,14 @@ std::uint32_t nearest(std::span<const std::uint32_t> texels, math::Vec3 to,
 
 }  // namespace
 
-SenderStrategy::SenderStrategy(const World& world, const Patches& patches)
+SenderStrategy::SenderStrategy(const World& world, const Patches& patches,
+                               const std::stop_token& stop)
     : texels_(world.texels),
       patches_(patches),
       settings_(world.settings),
       seed_(sampling::hash(std::uint32_t(world.settings.seed),
                            std::uint32_t(world.settings.seed >> 32))),
-      windows_(windows_of(world, patches)) {}
+      windows_(windows_of(world, patches, stop)) {}
 
 double SenderStrategy::memory_per_texel(const proto::SolverSettings& settings) {
   constexpr double kWindows = 4 * sizeof(std::uint32_t), kLeaves = 4 * sizeof(std::uint32_t);

@@ -49,8 +49,8 @@ struct Senders {
 ///   its texels, at that of them which is nearest to their mean position.
 class SenderStrategy {
  public:
-  /// Both outlive this.
-  SenderStrategy(const World&, const Patches&);
+  /// Both outlive this. When stopped, it ends early and must not be used.
+  SenderStrategy(const World&, const Patches&, const std::stop_token& = {});
   /// The most that senders, and what they are picked from, take. Bytes.
   static double memory_per_texel(const proto::SolverSettings&);
 

@@ -7,10 +7,14 @@ namespace kiln::solver::pairwise {
 namespace {
 
 constexpr std::uint32_t kNoWindow = 0xffffffff;
+/// Texels, or windows, between two looks at the stop token.
+constexpr std::uint32_t kLook = 1u << 16;
 
 }  // namespace
 
-Windows::Windows(const atlas::TextureGroup& texels, std::uint32_t side) {
+Windows::Windows(const atlas::TextureGroup& texels, std::uint32_t side,
+                 const std::stop_token& stop) {
+  const auto stopped = [&](std::uint32_t i) { return i % kLook == 0 && stop.stop_requested(); };
   const auto across = [&](std::uint32_t length) { return (length + side - 1) / side; };
   std::vector<std::size_t> first_place;  // of each page
   std::size_t places = 0;
@@ -27,6 +31,7 @@ Windows::Windows(const atlas::TextureGroup& texels, std::uint32_t side) {
 
   std::vector<std::uint32_t> window_at(places, kNoWindow);
   for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    if (stopped(t)) return;
     std::uint32_t& window = window_at[place_of(t)];
     if (window == kNoWindow) {
       window = size();
@@ -41,9 +46,13 @@ Windows::Windows(const atlas::TextureGroup& texels, std::uint32_t side) {
 
   order_.resize(texels.size());
   std::vector<std::uint32_t> next(starts_);
-  for (std::uint32_t t = 0; t < texels.size(); ++t) order_[next[window_at[place_of(t)]]++] = t;
+  for (std::uint32_t t = 0; t < texels.size(); ++t) {
+    if (stopped(t)) return;
+    order_[next[window_at[place_of(t)]]++] = t;
+  }
   area_up_to_.reserve(order_.size());
   for (std::uint32_t w = 0; w < size(); ++w) {
+    if (stopped(w)) return;
     double area = 0;
     for (const std::uint32_t t : this->texels(w))
       area_up_to_.push_back(float(area += double(texels.area_m2[t])));

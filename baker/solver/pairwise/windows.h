@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <stop_token>
 #include <vector>
 
 #include "baker/solver/world.h"
@@ -13,8 +14,8 @@ namespace kiln::solver::pairwise {
 /// may have texels of several charts. Windows are in the order of their first texels. Immutable.
 class Windows {
  public:
-  /// @param texels outlives this
-  Windows(const atlas::TextureGroup& texels, std::uint32_t side);
+  /// When stopped, it ends early and must not be used. @param texels outlives this
+  Windows(const atlas::TextureGroup& texels, std::uint32_t side, const std::stop_token& = {});
 
   std::uint32_t size() const { return std::uint32_t(places_.size()); }
   /// Returns the texels of a window, in rising order.
