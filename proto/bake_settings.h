@@ -116,16 +116,18 @@ inline constexpr std::array kLayerNames{
     Word{"chart", "a color for each chart."},
     Word{"texel_checker", "a checkerboard of the texels."},
     Word{"mip",
-         "the radiosity of the window that the texel is in, as the mipmap of undersampling has it, "
-         "lx."},
+         "the mean radiosity of the texel's chart in a window of solver.window, as the mipmap of "
+         "undersampling sends it, lx."},
     Word{"tree",
-         "the side of the leaf of the quadtree that the texel is in, texels; solver.pairwise or "
-         "links."},
-    Word{"senders", "the area that the texel sends light for in a bounce, m2 (pairwise)."},
+         "the side of the leaf of the quadtree that the texel is in, texels; with a threshold of "
+         "0.05 where subdivision_threshold is null."},
+    Word{"senders",
+         "the area that the texel sends light for in the first bounce of pairwise, m2; 0 where it "
+         "sends none."},
     Word{"voxels",
          "a color for each voxel of solver.voxel_grid that is filled; black where it is empty, "
          "which is a hole for the march through voxels."},
-    Word{"error", "the difference to the reference that report.against names, lx."},
+    Word{"error", "the distance of each channel to the reference that report.against names, lx."},
 };
 
 /// Selects the rays that are traced together, sixteen at a time (gather).
@@ -260,7 +262,7 @@ struct OutputSettings {
   std::vector<std::string> layers{"irradiance"};  ///< see the settings' table
   std::vector<std::string> formats{"exr", "png", "glb"};
   std::optional<float> exposure;  ///< scale of the preview; null: automatic by percentile
-  /// k of the previews' curve c / (k + c), with c over the brightest value; null: the own curve.
+  /// k of the previews' curve c / (k + c), with c over the brightest value; null: the usual curve.
   std::optional<float> tone_curve;
   float preview_fade = 1;  ///< share of the way to the computed light that a preview goes
 };
