@@ -3,6 +3,7 @@
 #include <embree3/rtcore.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <limits>
 #include <stdexcept>
@@ -14,6 +15,12 @@ namespace {
 /// The build calls this now and then; returning false ends it.
 bool keep_building(void* stop, double) {
   return !static_cast<std::stop_token*>(stop)->stop_requested();
+}
+
+/// Embree calls this with what it takes, and below 0 with what it gives back.
+bool count_bytes(void* bytes, ssize_t more, bool) {
+  *static_cast<std::atomic<std::int64_t>*>(bytes) += more;
+  return true;
 }
 
 struct LaneMask {
@@ -48,6 +55,7 @@ RTCIntersectContext make_context(bool coherent) {
 }  // namespace
 
 struct RayScene::Impl {
+  std::atomic<std::int64_t> bytes{0};  ///< that the device holds; it outlives the device
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
   float min_offset = 0;  ///< m
@@ -77,6 +85,7 @@ proto::Expected<RayScene> RayScene::build(const scene::Scene& scene, std::stop_t
   // One thread: jobs build side by side on the pool's threads, not on a second pool behind it.
   impl->device = rtcNewDevice("threads=1");
   if (!impl->device) throw std::runtime_error("Embree gave no device");
+  rtcSetDeviceMemoryMonitorFunction(impl->device, count_bytes, &impl->bytes);
   impl->scene = rtcNewScene(impl->device);
   rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
   const RTCGeometry mesh = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -145,6 +154,15 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   std::uint32_t blocked = 0;
   for (std::uint32_t i = 0; i < 16; ++i) blocked |= std::uint32_t(query.tfar[i] < 0) << i;
   return blocked & rays.active;
+}
+
+std::uint64_t RayScene::memory_bytes() const {
+  return std::uint64_t(std::max<std::int64_t>(impl_->bytes, 0));
+}
+
+std::uint64_t RayScene::build_bytes(const scene::Scene& scene) {
+  constexpr std::uint64_t kVertex = 12, kTriangle = 300, kLeast = std::uint64_t{1} << 20;
+  return kLeast + scene.positions.size() * kVertex + scene.triangles.size() * kTriangle;
 }
 
 float RayScene::offset(math::Vec3 position) const {

@@ -32,7 +32,7 @@ std::uint32_t RayVisibility::blocked(const SegmentPacket& segments) const {
     rays.set(i, from + way * share, way, 1 - 2 * share);
     rays.active |= 1u << i;
   }
-  return rays.active ? scene_.occluded(rays, /*coherent=*/true) : 0;
+  return rays.active ? scene_.occluded(rays, coherent_) : 0;
 }
 
 std::uint32_t VoxelVisibility::blocked(const SegmentPacket& segments) const {

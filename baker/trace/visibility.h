@@ -38,11 +38,14 @@ class Visibility {
 class RayVisibility final : public Visibility {
  public:
   /// @param scene outlives this
-  explicit RayVisibility(const RayScene& scene) : scene_(scene) {}
+  /// @param coherent a promise about the segments of a packet, for speed only
+  explicit RayVisibility(const RayScene& scene, bool coherent = true)
+      : scene_(scene), coherent_(coherent) {}
   std::uint32_t blocked(const SegmentPacket&) const override;
 
  private:
   const RayScene& scene_;
+  const bool coherent_;
 };
 
 /// Marches segments through voxels instead of tracing rays [RTRad 5.3]. It knows surfaces to a

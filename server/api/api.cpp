@@ -13,10 +13,11 @@ Api::Api(ApiParts parts)
       tenant_rate_(parts.config.max_requests_per_minute_per_tenant),
       token_rate_(parts.config.max_requests_per_minute_per_token),
       webhook_tests_(std::max<std::ptrdiff_t>(parts.config.http_threads / 2, 1)),
-      views_(parts.view, parts.pool),
+      view_(parts.view),
+      see_(parts.see),
       resources_([&]() -> Resources {
         const auto& [config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, check, pool,
-                     view, import_memory] = parts;
+                     view, see, metrics, import_memory] = parts;
         const Intake intake{data, {config.max_upload_bytes, config.max_request_json_bytes}};
         const jobs::JobLookup& lookup = jobs.lookup();
         return {.capabilities = {config, jobs.admission(), uploads, pool.size(), import_memory},
@@ -27,7 +28,9 @@ Api::Api(ApiParts parts)
                 .uploads = {uploads, store, resources_.scenes, config.max_bytes_per_tenant},
                 .webhook_tests = {webhooks, intake, webhook_tests_},
                 .results = {lookup, data, previews_},
-                .views = {lookup, data, views_}};
+                .views = {lookup, data, view_, pool, views_},
+                .visibility = {resources_.scenes, see_, pool, visibility_, jobs.admission(),
+                               jobs.cpu_meter(), metrics}};
       }()),
       router_(make_router(resources_)) {}
 

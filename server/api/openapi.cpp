@@ -238,6 +238,22 @@ json with_headers(json answer, std::initializer_list<const char*> names) {
   return answer;
 }
 
+json visibility_paths() {
+  json post =
+      operation("postVisibility", "Which pairs of points of a scene see each other",
+                {{"200", with_headers(file_answer("A bit per pair", "application/octet-stream"),
+                                      {"Lightkiln-Pairs", "Lightkiln-Visible", "Server-Timing"})}},
+                {required(query("scene", {{"type", "string"}, {"pattern", "^sha256:[0-9a-f]{64}$"}},
+                                "id of a stored scene")),
+                 header("Content-Digest", "sha-256, checked")});
+  post["requestBody"] = {
+      {"required", true},
+      {"description",
+       "six little-endian 32-bit floats a pair: x, y, z of the one point, then of the other"},
+      {"content", {{"application/octet-stream", json::object()}}}};
+  return {{"/v1/visibility", {{"post", std::move(post)}}}};
+}
+
 json upload_paths() {
   const json id = path_parameter("id", "^upl_[0-9a-z]{26}$");
   const auto state = [](json answer) {
@@ -288,8 +304,8 @@ json service_paths() {
 
 json openapi_document() {
   json paths = service_paths();
-  for (const json& more :
-       {upload_paths(), scene_paths(), job_paths(), job_action_paths(), result_paths()})
+  for (const json& more : {upload_paths(), scene_paths(), visibility_paths(), job_paths(),
+                           job_action_paths(), result_paths()})
     paths.update(more);
   json document{
       {"openapi", "3.1.0"},

@@ -150,6 +150,7 @@ std::map<std::string, Examples> other_examples() {
       {"getUpload", {json::object(), json::object(), {{"200", example_upload(false)}}}},
       {"patchUpload", {{{"Upload-Offset", "0"}}, json::object(), {{"201", example_scene()}}}},
       {"deleteUpload", {}},
+      {"postVisibility", {{{"scene", "sha256:" + kExampleDigest}}, json::object(), json::object()}},
       {"testWebhook",
        {json::object(),
         {{"application/json", example_webhook()}},

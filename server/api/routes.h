@@ -12,6 +12,7 @@
 #include "server/api/submit.h"
 #include "server/api/uploads.h"
 #include "server/api/views.h"
+#include "server/api/visibility.h"
 #include "server/api/webhooks.h"
 #include "server/http/router.h"
 
@@ -28,6 +29,7 @@ struct Resources {
   WebhookTests webhook_tests;
   Results results;
   Views views;
+  Visibility visibility;
 };
 
 /// Returns the router of the API; `resources` live longer than it.

@@ -1,9 +1,9 @@
 #include "server/api/views.h"
 
-#include <algorithm>
 #include <bit>
+#include <chrono>
 #include <cstdint>
-#include <exception>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -18,8 +18,7 @@ namespace {
 using proto::Expected;
 using proto::Unexpected;
 
-constexpr std::size_t kAtOnce = 2, kInLine = 32;
-constexpr auto kPatience = std::chrono::minutes(2);
+constexpr std::chrono::minutes kPatience(2);
 
 Expected<bool> query_flag(const http::Request& request, const char* name) {
   const std::string* text = request.head.query_value(name);
@@ -84,69 +83,6 @@ http::Response picture(http::Request& request, const std::string& etag, Expected
 
 }  // namespace
 
-void ViewOrder::give_up() {
-  stop_.request_stop();
-  const std::lock_guard lock(mutex_);
-  done_ = nullptr;
-}
-
-std::optional<Expected<std::string>> ViewOrder::result() {
-  const std::lock_guard lock(mutex_);
-  if (thrown_) std::rethrow_exception(thrown_);
-  return std::move(png_);
-}
-
-void ViewOrder::draw(const ViewFunction& draw, exec::ThreadPool& pool,
-                     const std::stop_token& stop) {
-  const std::stop_callback with_the_service(stop, [this] { stop_.request_stop(); });
-  std::optional<Expected<std::string>> png;
-  std::exception_ptr thrown;
-  try {
-    png = draw(input_, pool, stop_.get_token());
-  } catch (...) {  // the request's own thread throws it again
-    thrown = std::current_exception();
-  }
-  std::function<void()> done;
-  {
-    const std::lock_guard lock(mutex_);
-    png_ = std::move(png);
-    thrown_ = thrown;
-    done = std::move(done_);
-  }
-  if (done) done();
-}
-
-bool ViewDesk::has_room() {
-  const std::lock_guard lock(mutex_);
-  std::erase_if(line_, [](const auto& order) { return order->stop_.stop_requested(); });
-  return line_.size() < kInLine;
-}
-
-void ViewDesk::put(std::shared_ptr<ViewOrder> order, std::function<void()> done) {
-  order->done_ = std::move(done);
-  {
-    const std::lock_guard lock(mutex_);
-    line_.push_back(std::move(order));
-    while (threads_.size() < kAtOnce)
-      threads_.emplace_back([this](const std::stop_token& stop) { work(stop); });
-  }
-  changed_.notify_one();
-}
-
-void ViewDesk::work(const std::stop_token& stop) {
-  for (;;) {
-    std::shared_ptr<ViewOrder> order;
-    {
-      std::unique_lock lock(mutex_);
-      if (!changed_.wait(lock, stop, [this] { return !line_.empty(); })) return;
-      order = std::move(line_.front());
-      line_.pop_front();
-    }
-    if (stop.stop_requested()) return;
-    if (!order->stop_.stop_requested()) order->draw(draw_, pool_, stop);
-  }
-}
-
 http::Response get_view(const Views& part, http::Request& request) {
   auto wanted = read_request(request);
   if (!wanted) return problem(wanted.error(), request);
@@ -168,22 +104,14 @@ http::Response get_view(const Views& part, http::Request& request) {
   if (client_has(request, etag)) return not_modified(etag);
   if (!part.desk.has_room())
     return problem({"overloaded", "Too many views are being drawn.", {}}, request);
-  auto order =
-      std::make_shared<ViewOrder>(ViewInput{part.data.results(job->id), lit, std::move(*wanted)});
-  http::Response response;
-  response.deferred =
-      http::Deferred{std::chrono::steady_clock::now() + kPatience,
-                     [&part, order](std::function<void()> wake) -> std::shared_ptr<const void> {
-                       part.desk.put(order, std::move(wake));
-                       // It ends with the connection, or before the answer is made.
-                       return {order.get(), [order](const void*) { order->give_up(); }};
-                     },
-                     [order, etag](http::Request& again) {
-                       auto png = order->result();
-                       if (png) return picture(again, etag, std::move(*png));
-                       return problem({"overloaded", "The view was not drawn in time.", {}}, again);
-                     }};
-  return response;
+  const ViewInput input{part.data.results(job->id), lit, std::move(*wanted)};
+  const auto png = std::make_shared<std::optional<Expected<std::string>>>();
+  return part.desk.answer(
+      [&draw = part.draw, &pool = part.pool, input, png](const std::stop_token& stop) {
+        *png = draw(input, pool, stop);
+      },
+      [etag, png](http::Request& again) { return picture(again, etag, std::move(**png)); },
+      kPatience, "The view was not drawn in time.");
 }
 
 }  // namespace kiln::api

@@ -1,21 +1,15 @@
 #pragma once
 
-#include <condition_variable>
-#include <deque>
-#include <exception>
+#include <cstddef>
 #include <filesystem>
 #include <functional>
-#include <memory>
-#include <mutex>
-#include <optional>
 #include <stop_token>
 #include <string>
-#include <thread>
-#include <vector>
 
 #include "baker/exec/thread_pool.h"
 #include "baker/view/view.h"
 #include "proto/expected.h"
+#include "server/api/desk.h"
 #include "server/data/data_folder.h"
 #include "server/http/message.h"
 #include "server/jobs/job_lookup.h"
@@ -33,59 +27,15 @@ struct ViewInput {
 using ViewFunction = std::function<proto::Expected<std::string>(const ViewInput&, exec::ThreadPool&,
                                                                 std::stop_token)>;
 
-/// One view, in line or being drawn.
-class ViewOrder {
- public:
-  explicit ViewOrder(ViewInput input) : input_(std::move(input)) {}
-  ViewOrder(const ViewOrder&) = delete;
-  ViewOrder& operator=(const ViewOrder&) = delete;
-
-  /// Nobody wants the picture any more.
-  void give_up();
-  /// Returns the picture, or what went wrong; nothing when it is not done. Throws what drawing it
-  /// threw. May be called once.
-  std::optional<proto::Expected<std::string>> result();
-
- private:
-  friend class ViewDesk;
-  void draw(const ViewFunction&, exec::ThreadPool&, const std::stop_token&);
-
-  const ViewInput input_;
-  std::stop_source stop_;
-  std::mutex mutex_;
-  std::function<void()> done_;
-  std::optional<proto::Expected<std::string>> png_;
-  std::exception_ptr thrown_;
-};
-
-/// Draws views, two at a time, on threads of its own; the others wait in line. Thread-safe.
-class ViewDesk {
- public:
-  ViewDesk(ViewFunction draw, exec::ThreadPool& pool) : draw_(std::move(draw)), pool_(pool) {}
-  ViewDesk(const ViewDesk&) = delete;
-  ViewDesk& operator=(const ViewDesk&) = delete;
-
-  /// Returns whether the line has room for one more.
-  bool has_room();
-  /// Puts an order in line. `done` is called once there is a result, unless it was given up.
-  void put(std::shared_ptr<ViewOrder>, std::function<void()> done);
-
- private:
-  void work(const std::stop_token&);
-
-  const ViewFunction draw_;
-  exec::ThreadPool& pool_;
-  std::mutex mutex_;
-  std::condition_variable_any changed_;
-  std::deque<std::shared_ptr<ViewOrder>> line_;
-  std::vector<std::jthread> threads_;  ///< begun with the first order; the last to be made
-};
-
 /// The parts that the route of views works on.
 struct Views {
   const jobs::JobLookup& lookup;
   const data::DataFolder& data;
-  ViewDesk& desk;
+  const ViewFunction& draw;
+  exec::ThreadPool& pool;
+  Desk& desk;
+
+  static constexpr std::size_t kAtOnce = 2, kInLine = 32;  ///< of the desk
 };
 
 http::Response get_view(const Views&, http::Request&);

@@ -43,7 +43,7 @@ class MemoryBudget {
 
   /// Returns what all bakes together may reserve; UINT64_MAX: no limit.
   std::uint64_t for_bakes() const;
-  /// Returns what one more may reserve now.
+  /// Returns what one more may reserve now, with what is kept for later only.
   std::uint64_t free_bytes() const;
   /// Returns whether import processes have, and wait for, nothing beyond what is set aside for
   /// them.
@@ -114,7 +114,26 @@ class MemoryBudget {
   /// once, before there are any.
   void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
 
+  /// Reservations that are kept for later only: whoever lacks memory gets theirs.
+  struct Spare {
+    std::function<std::uint64_t()> bytes;  ///< of all of them; it takes no lock
+    /// Called with no lock of the budget's held, but perhaps with a caller's: releases about so
+    /// many bytes, by release(), and returns false when there was nothing to release.
+    std::function<bool(std::uint64_t bytes)> give_back;
+  };
+  /// Set once, before there are any.
+  void on_scarce(Spare spare) { spare_ = std::move(spare); }
+  std::uint64_t spare() const { return spare_bytes(); }  ///< bytes of Spare; any thread
+  /// Tells that reservations were released, or are kept for later only from now on: gives back what
+  /// somebody waits for, and calls on_free(). Called with no lock held.
+  void announce();
+
  private:
+  /// Returns what Spare::bytes says.
+  std::uint64_t spare_bytes() const { return spare_.bytes ? spare_.bytes() : 0; }
+  /// Has spare memory given back, up to so much, with `lock`, that of mutex_, open meanwhile.
+  /// Returns false when there was none.
+  bool give_back(std::unique_lock<std::mutex>& lock, std::uint64_t missing);
   std::uint64_t free_without_waiting() const;  ///< needs mutex_, as do the others
   std::uint64_t beyond_least(std::uint64_t bytes) const;
   std::uint64_t own(const std::string& job) const;
@@ -125,6 +144,7 @@ class MemoryBudget {
   std::uint64_t set_aside_ = 0;
   std::function<void()> hook_;
   std::function<bool()> crowded_;
+  Spare spare_;
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;

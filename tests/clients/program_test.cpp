@@ -288,6 +288,48 @@ TEST_F(Program, DrawsWhatWasBaked) {
   EXPECT_NE(none.err.find("manifest.json"), std::string::npos) << none.err;
 }
 
+TEST_F(Program, TellsWhichPairsSeeEachOther) {
+  ASSERT_EQ(run("scene cornell -o c.glb").code, 0);
+  // The first pair of the box's inside sees each other, the second has a wall between.
+  const float inside[6] = {0, 4.5f, 0.3f, 0.1f, 4.5f, 0.2f}, wall[6] = {0, 4.5f, 0, 50, 4.5f, 0};
+  std::string pairs;
+  for (int i = 0; i < 1'000'002; ++i)  // more than are traced at a time
+    pairs.append(reinterpret_cast<const char*>(i % 3 == 2 ? wall : inside), sizeof inside);
+  dir.write("p.bin", pairs);
+  const auto plain = run("visibility c.glb --pairs p.bin -o bits.bin --threads 2");
+  ASSERT_EQ(plain.code, 0) << plain.err;
+  EXPECT_TRUE(plain.out.starts_with("bits.bin: 1000002 pairs, 666668 see each other, "))
+      << plain.out;
+  const std::string bits = test::read_bytes(dir.path() / "bits.bin");
+  ASSERT_EQ(bits.size(), 125'001u);
+  EXPECT_EQ(bits.substr(0, 3), "\xdb\xb6\x6d");
+  EXPECT_EQ(bits.back(), '\x01');
+
+  const std::string at = "cd '" + dir.path().string() + "' && '" LIGHTKILN_BINARY "' visibility ";
+  EXPECT_EQ(std::system((at + "c.glb --pairs - -o - --json <p.bin >same.bin 2>err.txt").c_str()),
+            0);
+  EXPECT_TRUE(test::read_bytes(dir.path() / "same.bin") == bits);
+  const auto figures = nlohmann::json::parse(test::read_bytes(dir.path() / "err.txt"));
+  EXPECT_EQ(figures["pairs"], 1'000'002);
+  EXPECT_EQ(figures["visible"], 666'668);
+  EXPECT_GT(figures["rays_per_second"], 0);
+
+  dir.write("cut.bin", pairs.substr(0, pairs.size() - 3));
+  std::fill_n(pairs.begin() + 24 * 1'000'001 + 8, 4, '\xff');
+  dir.write("nan.bin", pairs);
+  for (const auto& [flags, words] : std::vector<std::pair<std::string, std::string>>{
+           {"c.glb --pairs cut.bin", "no multiple of 24"},
+           {"c.glb --pairs nan.bin", "number 2 of pair 1000001"},
+           {"c.glb --pairs none.bin", "none.bin"},
+           {"none.glb --pairs p.bin", "none.glb"},
+           {"p.bin --pairs p.bin", "invalid_scene"}}) {
+    const auto wrong = run("visibility " + flags + " -o wrong.bin");
+    EXPECT_EQ(wrong.code, 2) << flags << wrong.err;
+    EXPECT_NE(wrong.err.find(words), std::string::npos) << flags << wrong.err;
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir.path() / "wrong.bin"));
+}
+
 TEST_F(Program, ADarkSceneSaysWhatToDo) {
   ASSERT_EQ(run("scene tilted_plane -o p.glb").code, 0);
   const auto result = run("bake p.glb -o out");
