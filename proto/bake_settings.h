@@ -217,7 +217,7 @@ struct SolverSettings {
   LightSampling light_sampling = LightSampling::kUniform;
   bool ambient_term = false;  ///< previews add an estimate of the light that is still missing
   Emitters emitters = Emitters::kExplicit;
-  float link_error = 0.003f;  ///< most light that a link may be off by; see the settings' table
+  float link_error = 0.003f;     ///< most light that a link may be off by; see the settings' table
   bool allow_expensive = false;  ///< bake what is refused as `too_expensive`
 
   bool uses(Technique t) const {

@@ -5,9 +5,9 @@
 #include <span>
 
 #include "baker/atlas/texture_group.h"
-#include "baker/lightmap/word_plane.h"
 #include "baker/lightmap/plane.h"
 #include "baker/lightmap/planes.h"
+#include "baker/lightmap/word_plane.h"
 #include "baker/math/vec.h"
 
 namespace kiln::lightmap {

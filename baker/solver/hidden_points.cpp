@@ -29,9 +29,8 @@ std::uint32_t hidden_points(const World& world, const Footprint& at) {
     rays.set(i, at.origin[i], at.geometric_normal[i], kFar);
   std::uint32_t hidden = meet_backs(world, rays);
   // Three directions around the normal: cosine 1/2, sine √3/2, and thirds of a turn.
-  constexpr math::Vec3 kTilted[3] = {{0.8660254f, 0, 0.5f},
-                                     {-0.4330127f, 0.75f, 0.5f},
-                                     {-0.4330127f, -0.75f, 0.5f}};
+  constexpr math::Vec3 kTilted[3] = {
+      {0.8660254f, 0, 0.5f}, {-0.4330127f, 0.75f, 0.5f}, {-0.4330127f, -0.75f, 0.5f}};
   for (const math::Vec3& tilted : kTilted) {
     if (hidden == 0) break;
     rays.active = hidden;

@@ -541,9 +541,9 @@ TEST(Transport, MeetsExplicitLightAsTexelsShrink) {
 // All methods that let emitters send their own light end at that of shadow rays. Directions find
 // emitters by chance, so their light has noise.
 TEST(Transport, MeetsExplicitLightByEachMethodThatKnowsIt) {
-  for (const auto& [method, most] : {std::pair(proto::Method::kMatrix, 0.01),
-                                     std::pair(proto::Method::kLinks, 0.015),
-                                     std::pair(proto::Method::kDirectional, 0.04)}) {
+  for (const auto& [method, most] :
+       {std::pair(proto::Method::kMatrix, 0.01), std::pair(proto::Method::kLinks, 0.015),
+        std::pair(proto::Method::kDirectional, 0.04)}) {
     QuadScene room(60);
     room.add_room({-1, 0, -1}, {1, 2, 1}, {0.7f, 0.4f, 0.2f});
     Quad lamp{{-0.6f, 1.5f, -0.6f}, {1.2f, 0, 0}, {0, 0, 1.2f}, {0.3f, 0.3f, 0.3f}, {5, 4, 3}};

@@ -92,7 +92,8 @@ class DirectionalSolver final : public Solver {
       : world_(world),
         passes_(world_),
         order_(make_set(world)),
-        emittance_(emitters_send(world.settings) ? texel_emittance(world_) : std::vector<math::Rgb>()) {}
+        emittance_(emitters_send(world.settings) ? texel_emittance(world_)
+                                                 : std::vector<math::Rgb>()) {}
 
   std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
     const auto next = passes_.next(done);

@@ -38,11 +38,11 @@ class LinkGatherer {
   /// What sixteen pairs of texels of two members tell: each quarter of the receiver and each
   /// quarter of the sender are a pair.
   struct Look {
-    float factor[4] = {};      ///< F of each quarter of the receiver
-    float at_receiver = 0;     ///< lx: by how much the light of a quarter differs within it, about
-    float at_sender = 0;       ///< lx: the standard error of the light of a quarter
-    bool is_large = false;     ///< the link brings too much light for sixteen rays
-    bool is_dark = true;       ///< all pairs turn away from each other
+    float factor[4] = {};   ///< F of each quarter of the receiver
+    float at_receiver = 0;  ///< lx: by how much the light of a quarter differs within it, about
+    float at_sender = 0;    ///< lx: the standard error of the light of a quarter
+    bool is_large = false;  ///< the link brings too much light for sixteen rays
+    bool is_dark = true;    ///< all pairs turn away from each other
   };
 
   void refine(Id receiver, Id sender);
@@ -68,8 +68,8 @@ class LinkGatherer {
   const atlas::TexelRange range_;
   const float scale_;
   const std::uint32_t seed_;
-  std::vector<pairwise::Sum> sums_;            ///< of the texels of the range
-  std::vector<pairwise::Senders> single_;      ///< texels that are linked to single texels
+  std::vector<pairwise::Sum> sums_;        ///< of the texels of the range
+  std::vector<pairwise::Senders> single_;  ///< texels that are linked to single texels
   std::uint64_t rays_ = 0, links_ = 0;
 };
 

@@ -137,8 +137,7 @@ class LinkTree::Builder {
     plans_.push_back(plan);
     const std::span<const std::uint32_t> group(tree_.order_.data() + plan.begin,
                                                plan.end - plan.begin);
-    tree_.nodes_.push_back(
-        {plan.begin, plan.end, 0, 0, bounds_of(group, texels_, patches_)});
+    tree_.nodes_.push_back({plan.begin, plan.end, 0, 0, bounds_of(group, texels_, patches_)});
   }
 
   /// Returns the side of the smallest square of the quadtree that holds some texels of a sheet.

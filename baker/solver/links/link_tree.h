@@ -69,8 +69,8 @@ class LinkTree {
 
   Id id_of_group(std::uint32_t node) const;
 
-  std::vector<Node> nodes_;           ///< a node follows its parent
-  std::vector<std::uint32_t> order_;  ///< texels, by groups
+  std::vector<Node> nodes_;                 ///< a node follows its parent
+  std::vector<std::uint32_t> order_;        ///< texels, by groups
   std::vector<std::uint32_t> receiver_of_;  ///< of texels: the node of their largest receiver
 };
 

@@ -11,7 +11,8 @@ namespace kiln::solver::links {
 /// coarse as an energy-weighted bound on a link's error allows:
 ///
 ///   E_p ← E_direct,p + Σ_q F_pq B_q over the links of p and of all groups that p belongs to
-///   F_pq = A_q mean_k cosθ_k cosθ'_k V_k / (π r_k²)   over sixteen pairs of texels, eq. 4.1 of RTRad
+///   F_pq = A_q mean_k cosθ_k cosθ'_k V_k / (π r_k²)   over sixteen pairs of texels, eq. 4.1 of
+///   RTRad
 ///
 /// A link carries a group's mean radiosity, and has a factor for each quarter of the receiver. It
 /// is refined while the light of the sixteen pairs may be off by more than `solver.link_error` of

@@ -80,8 +80,8 @@ class MatrixPass final : public Pass {
       }
       const auto known = with_emitters(direct, c, workers);
       if (!known) return false;
-      const auto solved = parts_.world.settings.bounces > 0 ? solve(*known, reflectance, workers)
-                                                            : known;
+      const auto solved =
+          parts_.world.settings.bounces > 0 ? solve(*known, reflectance, workers) : known;
       if (!solved) return false;
       indirect_[c].resize(size);
       for (std::uint32_t t = 0; t < size; ++t) indirect_[c][t] = float((*solved)[t] - direct[t]);
@@ -164,12 +164,8 @@ class MatrixSolver final : public Solver {
   const SamplePlan& samples() const override { return world_.plan; }
 
  private:
-  bool has_matrix() const {
-    return world_.settings.bounces > 0 || emitters_send(world_.settings);
-  }
-  std::uint32_t passes() const {
-    return 1 + world_.scene.has_sky() + has_matrix();
-  }
+  bool has_matrix() const { return world_.settings.bounces > 0 || emitters_send(world_.settings); }
+  std::uint32_t passes() const { return 1 + world_.scene.has_sky() + has_matrix(); }
 
   const World world_;
   const Parts parts_;

@@ -114,9 +114,7 @@ class PairwiseSolver final : public Solver {
   std::uint32_t lead() const { return 1 + world_.scene.has_sky() + remembers(); }
   /// Returns the most passes over the senders. One more brings the light of emitters that send it
   /// as any texel does.
-  std::uint32_t bounces() const {
-    return world_.settings.bounces + emitters_send(world_.settings);
-  }
+  std::uint32_t bounces() const { return world_.settings.bounces + emitters_send(world_.settings); }
   /// Returns the passes of a bounce.
   std::uint32_t steps() const {
     switch (iteration()) {

@@ -47,7 +47,7 @@ struct Weighted {
 std::optional<std::vector<math::Rgb>> texel_radiosity(
     const World& world, const std::function<math::Rgb(std::uint32_t)>& irradiance,
     const std::stop_token& stop) {
-  const bool shines = Parts::are_senders(world.settings);
+  const bool shines = emitters_send(world.settings);
   std::vector<math::Rgb> out(world.texels.size());
   const bool whole = for_all(world.texels.size(), stop, [&](std::uint32_t t) {
     out[t] = world.texels.albedo[t] * world.settings.reflectivity_factor * irradiance(t);
