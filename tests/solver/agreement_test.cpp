@@ -145,7 +145,11 @@ TEST_P(TexelsBesidePaths, At128) {
     proto::SolverSettings s;
     s.method = method;
     s.direct_samples = 256;
+    s.link_error = 0.001f;
     EXPECT_LE(bakes.error(s, proto::to_string(method)), 0.01) << proto::to_string(method);
+    if (method != proto::Method::kLinks) continue;
+    s.link_error = proto::SolverSettings().link_error;
+    EXPECT_LE(bakes.error(s, "links_default"), 0.02) << "the default";
   }
 }
 

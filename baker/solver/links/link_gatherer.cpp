@@ -96,7 +96,7 @@ void LinkGatherer::link_texels(Id receiver, Id sender) {
 
 LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
   trace::SegmentPacket packet;
-  float kernel[kPairs], area[kPairs], light[kPairs];
+  float kernel[kPairs], area[kPairs];
   std::uint32_t lane[kPairs] = {};
   Look out;
   const std::uint32_t key = sampling::hash(seed_, receiver, sender);
@@ -106,7 +106,6 @@ LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
                         j = sample(sender, 4 * of_sender + quarter, key);
     const auto &at_i = parts_.patches.point(i, 0), &at_j = parts_.patches.point(j, 0);
     area[k] = parts_.patches.area_m2(j);
-    light[k] = max_channel(light_.texels[j]);
     kernel[k] = i == j ? 0
                        : pairwise::ViewFactors::unoccluded(at_i, at_j).forth *
                              parts_.patches.visible_pairs(i, j);
@@ -119,24 +118,27 @@ LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
   const std::uint32_t blocked = parts_.visibility->blocked(packet);
   rays_ += packet.count;
   const float sender_area = bounds(sender).area_m2, by_area = scale_ * sender_area;
+  // All pairs count as bright as the mean: where the light of the group is bunched, sixteen texels
+  // of it may miss it.
+  const float light = by_area * max_channel(radiosity(sender));
   const float most_factor = std::min(1.f, sender_area / bounds(receiver).area_m2);
   float least = 0, most = 0, variance = 0, brightest = 0;
   for (std::uint32_t quarter = 0; quarter < 4; ++quarter) {
     float sum = 0, all_area = 0, lit = 0, square = 0;
     for (std::uint32_t k = 4 * quarter; k < 4 * quarter + 4; ++k) {
-      brightest = std::max(brightest, kernel[k] * light[k]);
+      brightest = std::max(brightest, kernel[k]);
       const float v = kernel[k] > 0 && !(blocked >> lane[k] & 1) ? kernel[k] : 0;
       sum += v * area[k], all_area += area[k];
-      lit += v * light[k] / 4, square += v * light[k] * v * light[k] / 4;
+      lit += v / 4, square += v * v / 4;
     }
     out.factor[quarter] = std::min(by_area * (all_area > 0 ? sum / all_area : 0), most_factor);
     variance += std::max(0.f, square - lit * lit) / 4;
     least = quarter == 0 ? lit : std::min(least, lit);
     most = std::max(most, lit);
   }
-  out.at_receiver = by_area * (most - least) / 2;
-  out.at_sender = by_area * std::sqrt(variance) / 2;
-  out.is_large = by_area * brightest > kMostLight * light_.most_error;
+  out.at_receiver = light * (most - least) / 2;
+  out.at_sender = light * std::sqrt(variance) / 2;
+  out.is_large = light * brightest > kMostLight * light_.most_error;
   return out;
 }
 
