@@ -28,18 +28,45 @@ LinkGatherer::LinkGatherer(const pairwise::Parts& parts, const LinkTree& tree,
                   parts.world.settings.distance_factor)),
       seed_(texel_seed(parts.world, 0, SampleStream::kLinks)),
       sums_(range.size()),
-      single_(range.size()) {}
+      single_(range.size()),
+      groups_(range.size()) {}
 
 void LinkGatherer::gather() {
   for (const Id receiver : tree_.receivers(range_)) refine(receiver, tree_.root());
   for (std::uint32_t i = range_.begin; i < range_.end; ++i) {
     pairwise::Senders& from = single_[i - range_.begin];
+    pairwise::Sum own, &all = sums_[i - range_.begin];
     links_ += from.list.size();
     rays_ += parts_.factors.row(i, from, nullptr, [&](std::uint32_t s, float factor) {
-      sums_[i - range_.begin] += from.list[s].radiosity * factor;
+      own += from.list[s].radiosity * factor;
     });
-    from = {};
+    if (is_black(own.rgb()) && !sees_any(i)) all = {};
+    all += own.rgb();
+    from = {}, groups_[i - range_.begin] = {};
   }
+}
+
+/// Returns whether a texel sees one of some texels of the groups that have sent it light. One that
+/// does not is dark: it has got light for others of its own group, from behind a wall maybe.
+bool LinkGatherer::sees_any(std::uint32_t texel) {
+  trace::SegmentPacket packet;
+  const auto sees = [&] {
+    const std::uint32_t all = (1u << packet.count) - 1;
+    const bool seen = packet.count > 0 && (parts_.visibility->blocked(packet) & all) != all;
+    rays_ += packet.count;
+    packet.count = 0;
+    return seen;
+  };
+  const auto& from = parts_.patches.point(texel, 0);
+  for (const Id sender : groups_[texel - range_.begin]) {
+    const auto draw = sampling::hash(seed_, texel, sender) % kPairs;
+    const std::uint32_t j = sample(sender, draw, sampling::hash(seed_, texel));
+    const auto& to = parts_.patches.point(j, 0);
+    if (!(pairwise::ViewFactors::unoccluded(from, to).forth > 0)) continue;
+    packet.add(from.origin, to.origin);
+    if (packet.is_full() && sees()) return true;
+  }
+  return sees();
 }
 
 void LinkGatherer::refine(Id receiver, Id sender) {
@@ -76,8 +103,10 @@ void LinkGatherer::link(Id receiver, Id sender, const Look& seen) {
   ++links_;
   for (std::uint32_t i = 0; i < count; ++i) {
     const std::uint32_t t = texel(receiver, i);
-    if (t >= range_.begin && t < range_.end)
-      sums_[t - range_.begin] += b * seen.factor[4 * i / count];
+    const float factor = seen.factor[4 * i / count];
+    if (t < range_.begin || t >= range_.end || !(factor > 0)) continue;
+    sums_[t - range_.begin] += b * factor;
+    groups_[t - range_.begin].push_back(sender);
   }
 }
 

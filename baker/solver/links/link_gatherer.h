@@ -50,6 +50,7 @@ class LinkGatherer {
   bool sender_is_larger(Id receiver, Id sender) const;
   void link(Id receiver, Id sender, const Look&);
   void link_texels(Id receiver, Id sender);
+  bool sees_any(std::uint32_t texel);
   Look look(Id receiver, Id sender);
   bool may_face(const LinkTree::Bounds&, const LinkTree::Bounds&) const;
   bool may_matter(const LinkTree::Bounds& receiver, const LinkTree::Bounds& sender,
@@ -68,8 +69,11 @@ class LinkGatherer {
   const atlas::TexelRange range_;
   const float scale_;
   const std::uint32_t seed_;
-  std::vector<pairwise::Sum> sums_;        ///< of the texels of the range
-  std::vector<pairwise::Senders> single_;  ///< texels that are linked to single texels
+  // Of the texels of the range:
+  std::vector<pairwise::Sum> sums_;        ///< light so far
+  std::vector<pairwise::Senders> single_;  ///< single texels that they are linked to
+  std::vector<std::vector<Id>> groups_;    ///< groups that they, or groups around them, have got
+                                           ///< light from
   std::uint64_t rays_ = 0, links_ = 0;
 };
 

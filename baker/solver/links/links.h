@@ -21,6 +21,9 @@ namespace kiln::solver::links {
 /// not, would bring kMostLight times as much. Where both ends are few texels, each pair of them has
 /// the factor of `pairwise`, near field and window included.
 ///
+/// A texel that sees nothing of what its group's links bring stays dark: it is asked for itself, so
+/// that no light crosses a wall that parts a group.
+///
 /// The links of a receiver are found anew in each bounce, since they hang on the light. The light
 /// comes from the passes `direct` and `sky`, and then a bounce a pass, as for `pairwise`.
 std::unique_ptr<Solver> make_links_solver(const World&);
