@@ -98,7 +98,7 @@ class TexelsBesidePaths : public testing::TestWithParam<const char*> {
     Bakes(const char* name, std::uint32_t side) : room(name, 0, side) {
       proto::SolverSettings s;
       s.method = proto::Method::kPath;
-      s.samples = 192;
+      s.samples = 128;
       s.direct_samples = 256;
       s.seed = 11;
       r1 = light(s);
@@ -145,7 +145,7 @@ TEST_P(TexelsBesidePaths, At128) {
     proto::SolverSettings s;
     s.method = method;
     s.direct_samples = 256;
-    s.link_error = 0.001f;
+    s.link_error = 0.0005f;
     EXPECT_LE(bakes.error(s, proto::to_string(method)), 0.01) << proto::to_string(method);
     if (method != proto::Method::kLinks) continue;
     s.link_error = proto::SolverSettings().link_error;
@@ -161,8 +161,8 @@ TEST_P(TexelsBesidePaths, MatrixAt64) {
   s.method = proto::Method::kMatrix;
   s.direct_samples = 256;
   EXPECT_LE(bakes.error(s, "matrix1"), 0.02);
-  s.pair_samples = 4;
-  EXPECT_LE(bakes.error(s, "matrix4"), 0.01);
+  s.pair_samples = 16;
+  EXPECT_LE(bakes.error(s, "matrix16"), 0.01);
 }
 
 INSTANTIATE_TEST_SUITE_P(Boxes, TexelsBesidePaths, testing::Values("cornell", "cornell_layers"),
