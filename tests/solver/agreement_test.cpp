@@ -93,13 +93,17 @@ TEST(Agreement, GatherMeetsPathUnderSkyAndSun) {
 /// touch; elsewhere it is the same light.
 class TexelsBesidePaths : public testing::TestWithParam<const char*> {
  protected:
+  /// Most of the light, and few passes and short paths.
+  static constexpr std::uint32_t kBounces = 3;
+
   /// Bakes a scene on a page of `side`, and knows which texels lie apart from other surfaces.
   struct Bakes {
     Bakes(const char* name, std::uint32_t side) : room(name, 0, side) {
       proto::SolverSettings s;
       s.method = proto::Method::kPath;
-      s.samples = 128;
+      s.samples = side < 128 ? 1024 : 384;
       s.direct_samples = 256;
+      s.bounces = side < 128 ? 32 : kBounces;
       s.seed = 11;
       r1 = light(s);
       s.seed = 12;
@@ -144,6 +148,7 @@ TEST_P(TexelsBesidePaths, At128) {
   for (const proto::Method method : {proto::Method::kPairwise, proto::Method::kLinks}) {
     proto::SolverSettings s;
     s.method = method;
+    s.bounces = kBounces;
     s.direct_samples = 256;
     s.link_error = 0.0005f;
     EXPECT_LE(bakes.error(s, proto::to_string(method)), 0.01) << proto::to_string(method);

@@ -46,7 +46,7 @@ void LinkGatherer::gather() {
   }
 }
 
-/// Returns whether a texel sees one of some texels of the groups that have sent it light. One that
+/// Returns whether a texel sees one of some lit texels of the groups that have sent it light. One that
 /// does not is dark: it has got light for others of its own group, from behind a wall maybe.
 bool LinkGatherer::sees_any(std::uint32_t texel) {
   trace::SegmentPacket packet;
@@ -62,6 +62,7 @@ bool LinkGatherer::sees_any(std::uint32_t texel) {
     const auto draw = sampling::hash(seed_, texel, sender) % kPairs;
     const std::uint32_t j = sample(sender, draw, sampling::hash(seed_, texel));
     const auto& to = parts_.patches.point(j, 0);
+    if (is_black(light_.texels[j])) continue;
     if (!(pairwise::ViewFactors::unoccluded(from, to).forth > 0)) continue;
     packet.add(from.origin, to.origin);
     if (packet.is_full() && sees()) return true;
