@@ -46,8 +46,8 @@ void LinkGatherer::gather() {
   }
 }
 
-/// Returns whether a texel sees one of some lit texels of the groups that have sent it light. One that
-/// does not is dark: it has got light for others of its own group, from behind a wall maybe.
+/// Returns whether a texel sees one of some lit texels of the groups that have sent it light. One
+/// that does not is dark: it has got light for others of its own group, from behind a wall maybe.
 bool LinkGatherer::sees_any(std::uint32_t texel) {
   trace::SegmentPacket packet;
   const auto sees = [&] {
