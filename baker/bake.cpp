@@ -9,11 +9,13 @@
 
 #include "baker/checkpoint/checkpoints.h"
 #include "baker/image/image.h"
+#include "baker/made_layers.h"
 #include "baker/methods.h"
 #include "baker/output/output.h"
 #include "baker/preflight.h"
 #include "baker/prepare.h"
 #include "baker/progress/reporter.h"
+#include "baker/reference.h"
 #include "baker/simd/kernels.h"
 #include "baker/solve.h"
 #include "baker/solve_session.h"
@@ -167,27 +169,44 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
   if (images.valid() && images.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
     if (auto ok = image::open_module(); !ok) return Unexpected(ok.error());
 
+  const auto reference = ReferenceBake::check(input, bake, stop);
+  if (!reference) return Unexpected(reference.error());
+
   // 2. Run the passes, from where an earlier attempt ended.
   checkpoint::Checkpoints checkpoints(checkpoint_options(input, pool.size(), stop),
                                       checkpoint_listener(observer));
   const auto solver = make_solver(*bake.world);
   solver::SolveStart start = checkpoints.find(*solver, bake.texels->size());
-  SolveSession session(input, *solver, bake.texels, start, checkpoints.writer(), observer,
-                       reporter);
+  SolveSession session(input, *solver, bake.texels, start, checkpoints.writer(), observer, reporter,
+                       reference->work());
   const auto solution = solve(*bake.world, *solver, pool, stop, session.hooks(), std::move(start));
   if (!solution) return Unexpected(solution.error());
   checkpoints.writer().write_now();  // while the files are written
   count_light(*solution, manifest.statistics);
   const std::size_t reported = manifest.warnings.size();
   warn_of_texels(manifest.statistics, double(bake.world->plan.target_error), manifest.warnings);
+  for (proto::Warning& remark : solver->remarks(solution->passes, *solution->light))
+    manifest.warnings.push_back(std::move(remark));
 
-  // 3. Write the files.
+  // 3. Make what the result is compared with.
+  if (reference->wanted()) reporter.enter("reference", 0);
+  auto compared = reference->make(pool, stop, session.reference_hooks());
+  if (!compared) return Unexpected(compared.error());
+  if (reference->wanted() && !compared->page)
+    manifest.warnings.push_back({"report_left_out", "",
+                                 "The bake was ended early, so its result is not compared with "
+                                 "what report.against names, and a layer `error` is black."});
+
+  // 4. Write the files.
   reporter.enter("output", kSolvedAt);
   const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
     return source->write_lit(path, bake.scene, *bake.atlas, pages, std::move(until));
   };
-  const output::OutputInput output{write_lit,    bake.scene,       *bake.atlas,
-                                   *bake.texels, *solution->light, solution->filtered};
+  auto made = make_layers(bake, input.settings, *solution, *compared, stop);
+  if (!made) return Unexpected(made.error());
+  const output::OutputInput output{
+      write_lit,        bake.scene,         *bake.atlas,          *bake.texels,
+      *solution->light, solution->filtered, std::move(*compared), std::move(*made)};
   if (auto ok = write_outputs(input.output_dir, output, input.settings, manifest, pool, stop); !ok)
     return Unexpected(ok.error());
   if (!checkpoints.writer().flush()) return proto::canceled();

@@ -2,9 +2,17 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdio>
+#include <string>
 
+#include "baker/solver/directional/directional.h"
 #include "baker/solver/gather/gather.h"
+#include "baker/solver/links/links.h"
+#include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/path/path.h"
+#include "baker/solver/radiosity_map/radiosity_map.h"
+#include "baker/solver/radiosity_map/series.h"
 
 namespace kiln::baker {
 namespace {
@@ -19,6 +27,11 @@ constexpr double kSampledPlanes = 56;
 /// The bytes of indirect light, its half difference and the radiosity read, which a bounce makes
 /// anew, and of the radiosity as the look-ups read it.
 constexpr double kBouncedPlanes = 28, kRadiosity = 16;
+
+/// A bake over pairs of texels that needs more than this is refused as too expensive.
+constexpr double kMostPairRays = 1e12, kMostMatrixTexels = 8192;
+/// The rate that a refusal assumes, for its figure in hours: the same on every machine.
+constexpr double kRaysPerSecond = 1e7;
 
 double hit_budget(const proto::SolverSettings& settings) {
   return double(std::uint64_t(settings.hit_memory_mib) << 20);
@@ -40,6 +53,102 @@ MethodMemory path_memory(const proto::SolverSettings&, const solver::SamplePlan&
   return {0, 0, kSampledPlanes, kSampledPlanes};
 }
 
+MethodMemory pairwise_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
+                             double texels) {
+  MethodMemory memory;
+  using namespace solver::pairwise;
+  memory.all_passes =
+      texels * pairwise_memory_per_texel(settings) + pairwise_extra_memory(settings, texels);
+  memory.texel_pass = kBouncedPlanes;
+  memory.texel_complete = kSampledPlanes;
+  return memory;
+}
+
+/// What matrix refuses takes no memory.
+MethodMemory matrix_memory(const proto::SolverSettings& settings, const solver::SamplePlan& plan,
+                           double texels) {
+  MethodMemory memory = pairwise_memory(settings, plan, texels);
+  const double most = settings.allow_expensive ? texels : std::min(texels, kMostMatrixTexels);
+  memory.all_passes = solver::pairwise::matrix_memory(most, settings);
+  return memory;
+}
+
+MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
+                                  const solver::SamplePlan& plan, double texels) {
+  MethodMemory memory;
+  memory.all_passes =
+      texels * kHitBytes * solver::radiosity_map::kept_directions(settings, plan, texels);
+  if (settings.series == proto::Series::kUnbiased) memory.texel_state = sizeof(math::Rgb);
+  memory.texel_pass = memory.texel_complete = kSampledPlanes + kBouncedPlanes + kRadiosity;
+  return memory;
+}
+
+MethodMemory directional_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
+                                double) {
+  const double own = solver::directional::directional_memory_per_texel(settings);
+  MethodMemory memory;
+  memory.texel_pass = kBouncedPlanes + own;
+  memory.texel_complete = kSampledPlanes + own;
+  return memory;
+}
+
+MethodMemory links_memory(const proto::SolverSettings& settings, const solver::SamplePlan&,
+                          double texels) {
+  MethodMemory memory;
+  memory.all_passes = solver::links::links_memory(settings, texels);
+  memory.texel_pass = kBouncedPlanes;
+  memory.texel_complete = kSampledPlanes;
+  return memory;
+}
+
+std::string rounded(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2g", value);
+  return text;
+}
+std::string gib(double bytes) {
+  return rounded(bytes / double(1u << 30)) + " GiB";
+}
+proto::Unexpected too_expensive(const std::string& cost, const std::string& advice) {
+  return proto::fail(
+      "too_expensive",
+      cost + " Use solver.method \"gather\", " + advice + ", or set solver.allow_expensive.",
+      "settings", "/solver/method");
+}
+
+proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, double texels) {
+  using namespace solver::pairwise;
+  const bool transports = settings.emitters == proto::Emitters::kTransport;
+  const double bounces = std::min(settings.bounces + transports, kTypicalBounces);
+  const bool has_windows = settings.undersampling != proto::Undersampling::kNone;
+  const std::uint32_t window = has_windows ? settings.window.value_or(1) : 1;
+  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples, window);
+  const double rays = bounces * pass;
+  if (rays <= kMostPairRays || settings.allow_expensive) return {};
+  // Texels go with the square of the page's side, and rays with the square of texels, or with the
+  // texels over the square of the window's side.
+  const double finer = std::sqrt(std::sqrt(kMostPairRays / rays));
+  const double wider = std::ceil(window * std::sqrt(rays / kMostPairRays));
+  return too_expensive(
+      "pairwise would trace about " + rounded(rays) + " rays between " +
+          std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
+          " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
+          " hours at 10 million rays a second, and " +
+          gib(texels * pairwise_memory_per_texel(settings)) + " of memory.",
+      "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
+          ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
+}
+
+proto::Expected<void> check_matrix(const proto::SolverSettings& settings, double texels) {
+  if (texels <= kMostMatrixTexels || settings.allow_expensive) return {};
+  return too_expensive("matrix would keep the view factors of all pairs of " +
+                           std::to_string(std::uint64_t(texels)) + " texels, which take " +
+                           gib(solver::pairwise::matrix_memory(texels, settings)) +
+                           " of memory, and takes up to " + std::to_string(int(kMostMatrixTexels)) +
+                           " texels.",
+                       "or a smaller atlas.page_size");
+}
+
 std::unique_ptr<solver::Solver> make_gather(const solver::World& world) {
   return solver::gather::make_gather_solver(world, std::uint64_t(world.settings.hit_memory_mib)
                                                        << 20);
@@ -50,6 +159,16 @@ constexpr std::array kMethods{
            /*filtered=*/true, gather_memory},
     Method{proto::Method::kPath, solver::path::make_path_solver, solver::fixed_plan,
            /*adaptive=*/false, /*filtered=*/false, path_memory},
+    Method{proto::Method::kPairwise, solver::pairwise::make_pairwise_solver, solver::fixed_plan,
+           /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
+    Method{proto::Method::kMatrix, solver::pairwise::make_matrix_solver, solver::fixed_plan,
+           /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
+    Method{proto::Method::kRadiosityMap, solver::radiosity_map::make_radiosity_map_solver,
+           solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
+    Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
+           solver::fixed_plan, /*adaptive=*/false, /*filtered=*/false, directional_memory},
+    Method{proto::Method::kLinks, solver::links::make_links_solver, solver::fixed_plan,
+           /*adaptive=*/false, /*filtered=*/false, links_memory},
 };
 static_assert(kMethods.size() == proto::kMethodNames.size(), "each name needs a method");
 static_assert(std::ranges::all_of(kMethods, [i = 0u](const Method& m) mutable {
@@ -64,6 +183,11 @@ std::span<const Method> methods() {
 
 const Method& method_of(proto::Method id) {
   return kMethods[std::size_t(id)];
+}
+
+proto::Expected<void> check_cost(const proto::SolverSettings& settings, std::uint32_t texels) {
+  const Method& method = method_of(settings.method);
+  return method.check ? method.check(settings, double(texels)) : proto::Expected<void>();
 }
 
 std::unique_ptr<solver::Solver> make_solver(const solver::World& world) {

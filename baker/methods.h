@@ -6,6 +6,7 @@
 
 #include "baker/solver/solver.h"
 #include "proto/bake_settings.h"
+#include "proto/expected.h"
 
 namespace kiln::baker {
 
@@ -26,6 +27,9 @@ struct Method {
   bool adaptive;  ///< takes samples until a target is reached
   bool filtered;  ///< its light is smoothed where post.filter says so
   MethodMemory (*memory)(const proto::SolverSettings&, const solver::SamplePlan&, double texels);
+  /// Refuses more texels than the method can finish. Error: `too_expensive`. Null: takes any
+  /// number.
+  proto::Expected<void> (*check)(const proto::SolverSettings&, double texels) = nullptr;
 
   const char* name() const { return proto::to_string(id); }
 };
@@ -33,6 +37,11 @@ struct Method {
 /// Returns all methods, in the order of their ids.
 std::span<const Method> methods();
 const Method& method_of(proto::Method);
+
+/// Refuses a bake that the method of the settings can't finish, before anything is made for it. A
+/// window that is null counts as a single texel. Errors: `too_expensive`, which names rays, memory,
+/// time, and what to do instead.
+proto::Expected<void> check_cost(const proto::SolverSettings&, std::uint32_t texels);
 
 /// Make the solver, and the plan of samples, of the method that the settings name.
 std::unique_ptr<solver::Solver> make_solver(const solver::World&);

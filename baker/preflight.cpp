@@ -5,7 +5,9 @@
 #include <vector>
 
 #include "baker/lightmap/lightmap.h"
+#include "baker/made_layers.h"
 #include "baker/methods.h"
+#include "baker/reference.h"
 
 namespace kiln::baker {
 namespace {
@@ -26,6 +28,10 @@ constexpr double kSquare = 8;
 // While one page is written: an image for each layer; padding, encoders, and the samples of two PNG
 // files and a row of tiles, which the processes that encode them copy.
 constexpr double kImage = 16, kEncoders = 48;
+/// The samples of one further picture of a page, twice, and its file.
+constexpr double kPicture = 9;
+/// Light that fades: what a preview shows, and what the next one will.
+constexpr double kFading = 2 * 3 * sizeof(math::Rgb);
 /// What the allocator holds on to.
 constexpr double kSlack = 1.15;
 
@@ -33,18 +39,6 @@ constexpr double kSlack = 1.15;
 constexpr double kPacked = 0.9;
 /// Texels that edges of charts add.
 constexpr double kEdges = 1.1;
-
-template <class T>
-double bytes(const std::vector<T>& v) {
-  return double(v.size()) * sizeof(T);
-}
-
-double scene_bytes(const scene::Scene& s) {
-  return bytes(s.positions) + bytes(s.normals) + bytes(s.base_uv) + bytes(s.emission_uv) +
-         bytes(s.lightmap_uv) + bytes(s.colors) + bytes(s.source_vertex) + bytes(s.triangles) +
-         bytes(s.triangle_part) + bytes(s.image_texels) +
-         double(s.sky_map.texels.size()) * kSkyPixel;
-}
 
 struct Surface {
   double area_m2 = 0, double_sided_m2 = 0;
@@ -90,6 +84,19 @@ Size size_of(const Surface& surface, const proto::AtlasSettings& atlas) {
   return size;
 }
 
+/// What the method of a report takes, which no filter smooths.
+double reference_bytes(const proto::BakeSettings& settings, proto::Method id, double texels) {
+  const proto::SolverSettings solver = reference_settings(settings, id);
+  const Method& method = method_of(id);
+  const MethodMemory own =
+      method.memory(solver, method.plan(solver, settings.quality, false), texels);
+  const lightmap::Lightmap none(1);
+  const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
+  const double solving = std::max(own.all_passes + texels * own.texel_pass,
+                                  texels * (own.texel_complete + kSignal + kVariance));
+  return texels * light + solving;
+}
+
 }  // namespace
 
 std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettings& settings) {
@@ -100,17 +107,39 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
   const bool smooths = method.filtered && settings.post.filter;
   const lightmap::Lightmap none(1);
   const double light = double(none.texel_bytes(none.planes())) + own.texel_state;
-  const double base = texels * (kSurface + light);
+  const double fading = settings.output.preview_fade < 1 ? kFading : 0;
+  const double base = texels * (kSurface + light + fading);
   const double bouncing = base + own.all_passes + texels * own.texel_pass;
   const double filtered = texels * (kVariance + (smooths ? kSmoothed : 0));
   const double smoothing = kSmoothing + (scene.sky_map.empty() ? 0 : kSkyColors);
   const double filtering =
       base + filtered + texels * (own.texel_complete + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
-  const double writing =
-      base + filtered + page * (kImage * double(1 + settings.output.layers.size()) + kEncoders);
-  const double most = std::max({bouncing, filtering, writing}) + squares * kSquare +
-                      double(scene.triangles.size()) * kTriangle + scene_bytes(scene);
+  const auto& formats = settings.output.formats;
+  const auto& layers = settings.output.layers;
+  const bool draws = std::find(formats.begin(), formats.end(), "png") != formats.end();
+  const auto pictures =
+      draws ? std::count_if(layers.begin(), layers.end(),
+                            [](const std::string& name) { return name != "irradiance"; })
+            : 0;
+  const LayerMemory made = layer_memory(settings, texels);
+  const double finished = base + filtered + made.kept;
+  const double writing = finished + page * (kImage * double(1 + layers.size()) + kEncoders +
+                                            kPicture * double(pictures));
+  double making = finished + made.making;
+  double reporting = 0;
+  if (settings.report.against) {
+    const auto id = settings.report.method();
+    if (id) reporting = base + filtered + reference_bytes(settings, *id, texels);
+    const double reference = id ? texels * sizeof(math::Rgb) : 0;
+    reporting =
+        std::max(reporting, finished + reference + page * (2 * kImage + kPicture + kEncoders));
+    making += reference + page * kImage;
+  }
+  const double most = std::max({bouncing, filtering, making, writing, reporting}) +
+                      squares * kSquare + double(scene.triangles.size()) * kTriangle +
+                      double(scene::memory_bytes(scene)) +
+                      double(scene.sky_map.texels.size()) * kSkyPixel;
   return kProcessBytes + std::uint64_t(kSlack * most);
 }
 

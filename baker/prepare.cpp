@@ -6,6 +6,7 @@
 #include "baker/import/import.h"
 #include "baker/methods.h"
 #include "baker/solver/direct/direct.h"
+#include "baker/solver/pairwise/pairwise.h"
 
 namespace kiln::baker {
 
@@ -34,10 +35,14 @@ proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader& source,
   auto texels = rasterize(bake->scene, *bake->atlas, stop, atlas::kMaxBandPieces, &pool);
   if (!texels) return proto::Unexpected(texels.error());
   bake->texels = std::make_shared<const atlas::TextureGroup>(std::move(*texels));
+  proto::SolverSettings costs = settings.solver;
+  costs.window = solver::pairwise::window_texels(settings.solver, settings.atlas.page_size);
+  if (auto ok = check_cost(costs, bake->texels->size()); !ok) return proto::Unexpected(ok.error());
 
   enter("solve");
   const exec::Workers workers{pool, stop};
-  bake->lights.emplace(bake->scene, &workers);
+  bake->lights.emplace(bake->scene, &workers,
+                       settings.solver.emitters == proto::Emitters::kExplicit);
   if (stop.stop_requested()) return proto::canceled();
   auto rays = trace::RayScene::build(bake->scene, stop);
   if (!rays) return proto::Unexpected(rays.error());

@@ -40,7 +40,7 @@ struct PrepareHooks {
 
 /// Makes everything before the first pass: import, settings, atlas, texels, lights, rays. The
 /// process that bakes and any that computes batches for it share it. Errors: those of the stages,
-/// those of hooks.on_scene, and `canceled` within a second.
+/// those of hooks.on_scene, `too_expensive`, and `canceled` within a second.
 proto::Expected<std::unique_ptr<PreparedBake>> prepare(UploadReader&, const proto::BakeSettings&,
                                                        exec::ThreadPool&, std::stop_token,
                                                        const PrepareHooks& = {});

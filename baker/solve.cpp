@@ -261,7 +261,7 @@ class Solve {
       if (plan.shows != solver::Shows::kNothingNew) rounds_.guess(after, plan.shows);
       return true;
     }
-    // The hits, and what an earlier judgement holds, are memory that the filter can use.
+    // What passes share, and what an earlier judgement holds, are memory that the filter can use.
     drop_shared_planes(after);
     judgement_.reset();
     judgement_ = judge_.judge(after, workers);
@@ -271,10 +271,10 @@ class Solve {
     return true;
   }
   void drop_shared_planes(lightmap::Lightmap& after) {
-    after.hits.drop();
-    if (light_->hits.size() == 0) return;
+    after.drop_shared();
+    if (!light_->has_shared()) return;
     auto before = std::make_shared<lightmap::Lightmap>(*light_);
-    before->hits.drop();
+    before->drop_shared();
     light_ = std::move(before);
   }
 

@@ -3,6 +3,8 @@
 #include <span>
 #include <utility>
 
+#include "baker/solver/radiosity_map/ambient_term.h"
+
 namespace kiln::baker {
 namespace {
 
@@ -16,25 +18,38 @@ solver::Work work_of(const solver::Solver& solver, std::span<const proto::PassRe
   return work;
 }
 
+/// Takes the light of `to` back to the share of the way that leads there from `from`.
+void fade(const lightmap::Lightmap& from, lightmap::Lightmap& to, float share) {
+  const auto mix = [&](const lightmap::Plane<math::Rgb>& shown,
+                       lightmap::Plane<math::Rgb>& computed) {
+    std::vector<math::Rgb> mixed(shown.values());
+    for (std::size_t t = 0; t < mixed.size(); ++t) mixed[t] += (computed[t] - mixed[t]) * share;
+    computed = std::move(mixed);
+  };
+  mix(from.direct, to.direct), mix(from.sky, to.sky), mix(from.indirect, to.indirect);
+}
+
 }  // namespace
 
 SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
                            std::shared_ptr<const atlas::TextureGroup> texels,
                            const solver::SolveStart& start, checkpoint::CheckpointWriter& writer,
-                           BakeObserver& observer, progress::ProgressReporter& reporter)
+                           BakeObserver& observer, progress::ProgressReporter& reporter,
+                           const solver::Work& reference)
     : input_(input),
+      solver_(solver),
       texels_(std::move(texels)),
       writer_(writer),
       observer_(observer),
       reporter_(reporter),
       passes_(start.passes),
-      eta_(work_of(solver, start.passes)) {
+      eta_(work_of(solver, start.passes)),
+      elsewhere_(solver::Work::other(solver::work::kOutput) + reference) {
   for (const auto& p : passes_)
     if (p.residual > 0) residual_ = p.residual;
   if (passes_.empty()) return;
   observer_.on_resume(std::uint32_t(passes_.size()));
-  observer_.on_snapshot(
-      {texels_, std::make_shared<lightmap::Lightmap>(start.light->shown()), passes_.back().index});
+  show(start.light->shown(), passes_.back().index);
 }
 
 SolveHooks SolveSession::hooks() {
@@ -60,10 +75,23 @@ SolveHooks SolveSession::hooks() {
   return hooks;
 }
 
+SolveHooks SolveSession::reference_hooks() {
+  elsewhere_ = solver::Work::other(solver::work::kOutput) + work_of(solver_, passes_);
+  SolveHooks hooks;
+  hooks.on_batch = [this](const SolveProgress& progress) { on_batch(progress); };
+  hooks.on_pass = [this](
+                      const solver::PassPlan& plan, const proto::PassReport&,
+                      const std::shared_ptr<const lightmap::Lightmap>&) -> proto::Expected<void> {
+    eta_.end_pass(plan);
+    return {};
+  };
+  return hooks;
+}
+
 void SolveSession::on_batch(const SolveProgress& at) {
   const solver::PassPlan& plan = at.pass.plan();
   const double share = at.pass.work_share(double(at.done) / at.total);
-  const auto ahead = eta_.ahead(plan, share, at.work + solver::Work::other(solver::work::kOutput));
+  const auto ahead = eta_.ahead(plan, share, at.work + elsewhere_);
   proto::JobProgress p;
   p.pass = plan.index;
   p.max_passes = at.max_passes;
@@ -80,9 +108,21 @@ void SolveSession::on_pass(const solver::PassPlan& plan, const proto::PassReport
   eta_.end_pass(plan);
   if (report.residual > 0) residual_ = report.residual;  // tracing alone changes no light
   passes_.push_back(report);
-  observer_.on_snapshot(
-      {texels_, std::make_shared<lightmap::Lightmap>(light->shown()), report.index});
+  const proto::SolverSettings& settings = input_.settings.solver;
+  const bool guesses = settings.ambient_term && settings.method == proto::Method::kRadiosityMap &&
+                       settings.bounces > 0 && !plan.completes;
+  show(
+      guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown()) : light->shown(),
+      report.index);
   writer_.submit(plan, passes_, std::move(light));
+}
+
+void SolveSession::show(lightmap::Lightmap computed, std::uint32_t pass) {
+  const float share = input_.settings.output.preview_fade;
+  if (share < 1 && shown_) fade(*shown_, computed, share);
+  auto shown = std::make_shared<const lightmap::Lightmap>(std::move(computed));
+  if (share < 1) shown_ = shown;
+  observer_.on_snapshot({texels_, std::move(shown), pass});
 }
 
 solver::PassProgress SolveSession::restore(const solver::Pass& pass,

@@ -28,7 +28,7 @@ constexpr bool is_terminal(JobState s) {
 /// The progress of a running job. `batches_done` and `batches_total` count the batches of the
 /// current pass.
 struct JobProgress {
-  std::string stage;  ///< "import", "atlas", "solve", "output"
+  std::string stage;  ///< "import", "atlas", "solve", "reference", "output"
   std::uint32_t pass = 0;
   std::uint32_t max_passes = 0;  ///< upper limit; convergence may stop the bake earlier
   std::uint32_t batches_done = 0, batches_total = 0;

@@ -51,7 +51,7 @@ struct PassReport {
 };
 
 struct StageReport {
-  std::string name;  ///< "import", "atlas", "solve", "output"
+  std::string name;  ///< "import", "atlas", "solve", "reference", "output"
   double seconds = 0;
 };
 

@@ -53,6 +53,7 @@ const std::vector<ProblemKind>& problem_kinds() {
       {"request_timeout", 408, "The request took too long to arrive"},
       {"result_not_ready", 425, "The result is not there yet"},
       {"storage_full", 507, "The service's storage is full"},
+      {"too_expensive", 422, "The method would take too long for the scene"},
       {"too_many_connections", 503, "Too many connections of one address"},
       {"too_many_uploads", 429, "Too many uploads at a time"},
       {"unauthorized", 401, "A valid token is needed"},

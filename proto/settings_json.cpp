@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <nlohmann/json.hpp>
 
 #include "proto/json.h"
@@ -129,6 +131,37 @@ void read_lights(const json& list, BakeSettings& out, ProblemList& problems) {
     out.lights.push_back(read_light("/lights/" + std::to_string(i), list[i], problems));
 }
 
+// Settings that don't go together
+// -------------------------------------------------------------------------------------------
+
+void check_directional(const SolverSettings& s, ProblemList& problems) {
+  if (s.method != Method::kDirectional) return;
+  if (s.samples.value_or(0) > SolverSettings::kMostDirections)
+    problems.add("/solver/samples",
+                 "expected at most " + std::to_string(SolverSettings::kMostDirections) +
+                     " with method \"directional\", found " + std::to_string(*s.samples));
+  if (s.rtrad_compat && s.direction_set == DirectionSetKind::kHemicube)
+    problems.add("/solver/rtrad_compat",
+                 "direction_set \"hemicube\" has weights of its own; RTRad's formula goes with "
+                 "\"largest_empty_circle\"");
+}
+
+void check_output(const BakeSettings& s, ProblemList& problems) {
+  const auto has = [&](const char* layer) {
+    return std::ranges::find(s.output.layers, layer) != s.output.layers.end();
+  };
+  if (has("error") && !s.report.against)
+    problems.add("/output/layers",
+                 "the layer \"error\" is the difference to a reference: expected report.against");
+  if ((has("tree") || s.solver.subdivision_threshold) &&
+      !std::has_single_bit(s.solver.subdivision_max_node))
+    problems.add("/solver/subdivision_max_node",
+                 "expected a power of two, found " + std::to_string(s.solver.subdivision_max_node));
+  if (s.output.tone_curve && s.output.exposure)
+    problems.add("/output/tone_curve",
+                 "the curve goes by the brightest value of a page: expected null with exposure");
+}
+
 json light_json(const LightSettings& light) {
   json doc = json::object();
   for (const auto& row : light_rows())
@@ -178,6 +211,44 @@ json lights_schema() {
           {"items", {{"oneOf", std::move(kinds)}}}};
 }
 
+/// Finds settings that are right each for itself, but not together.
+void check_together(const BakeSettings& s, ProblemList& problems) {
+  if (2 * s.atlas.gutter >= s.atlas.page_size)
+    problems.add("/atlas/gutter", "expected less than half of page_size (" +
+                                      std::to_string(s.atlas.page_size) + "), found " +
+                                      std::to_string(s.atlas.gutter));
+  const SolverSettings& solver = s.solver;
+  constexpr std::array kTransporting{Method::kPairwise, Method::kMatrix, Method::kDirectional,
+                                     Method::kLinks};
+  if (solver.emitters == Emitters::kTransport &&
+      std::ranges::find(kTransporting, solver.method) == kTransporting.end())
+    problems.add("/solver/emitters",
+                 std::string("expected \"explicit\" with method \"") + to_string(solver.method) +
+                     "\"; only pairwise, matrix, links and directional take \"transport\"");
+  const bool all_send =
+      solver.undersampling == Undersampling::kNone && !solver.subdivision_threshold;
+  if (solver.iteration == Iteration::kShooting && !all_send)
+    problems.add("/solver/iteration",
+                 "texels shoot their own light: expected \"jacobi\" or \"gauss_seidel\" with "
+                 "undersampling or subdivision_threshold");
+  if (solver.visibility == VisibilityKind::kCached &&
+      (solver.pair_samples > 1 || solver.undersampling == Undersampling::kMipmap ||
+       solver.subdivision_threshold))
+    problems.add("/solver/visibility",
+                 "a bit is remembered for the middles of two texels: expected \"ray\" or \"voxel\" "
+                 "with pair_samples above 1, undersampling \"mipmap\" or subdivision_threshold");
+  if (solver.method == Method::kLinks && solver.visibility == VisibilityKind::kCached)
+    problems.add("/solver/visibility",
+                 "links change from bounce to bounce, and no bit is remembered for them: expected "
+                 "\"ray\" or \"voxel\" with method \"links\"");
+  check_directional(solver, problems);
+  if (solver.subdivision_threshold && solver.undersampling != Undersampling::kNone)
+    problems.add("/solver/subdivision_threshold",
+                 "senders are the leaves of a quadtree or those of windows: expected null with "
+                 "undersampling, or undersampling \"none\"");
+  check_output(s, problems);
+}
+
 }  // namespace
 
 Expected<BakeSettings> settings_from_json(const json& doc) {
@@ -202,10 +273,7 @@ Expected<BakeSettings> settings_from_json(const json& doc) {
     else if (!read_key(top_rows, "", key, value, out, problems))
       unknown_key("", key, known, problems);
   }
-  if (2 * out.atlas.gutter >= out.atlas.page_size)
-    problems.add("/atlas/gutter", "expected less than half of page_size (" +
-                                      std::to_string(out.atlas.page_size) + "), found " +
-                                      std::to_string(out.atlas.gutter));
+  check_together(out, problems);
   if (!problems.empty()) return Unexpected(std::move(problems).error("invalid_settings"));
   return out;
 }

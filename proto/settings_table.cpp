@@ -119,6 +119,7 @@ const std::vector<SettingGroup>& setting_groups() {
       {"sky", "Light from outside the scene"},
       {"post", "Changes to a finished page"},
       {"output", "Files to write"},
+      {"report", "Comparison of the result with a reference"},
   };
   return groups;
 }
@@ -178,23 +179,31 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = methods}),
       row<[](auto& s) -> auto& { return s.solver.bounces; }>(
           {.path = "solver.bounces", .kind = kInteger, .min = 0, .max = 64, .unit = "bounces",
-           .description = "Limit on diffuse bounces after direct light."}),
+           .description = "Limit on diffuse bounces after direct light. matrix has all of them at once, "
+                          "unless it is 0."}),
       row<[](auto& s) -> auto& { return s.solver.samples; }>(
           {.path = "solver.samples", .kind = kInteger, .min = 1, .max = 65536,
            .nullable = true, .unit = "samples/texel",
-           .description = "Indirect directions (gather) or paths (path) of every texel. null: as many "
-                          "as target_error asks for (gather), 256 (path)."}),
+           .description = "Indirect directions (gather, directional), paths (path), directions to "
+                          "the sky (pairwise, matrix) or iterations (radiosity_map; of each bounce "
+                          "in its unbiased series) of every texel. null: as many as "
+                          "target_error asks for (gather), 800 (radiosity_map), 256 (the "
+                          "others). directional takes at most 4096; a hemicube has about as many "
+                          "cells."}),
       row<[](auto& s) -> auto& { return s.solver.direct_samples; }>(
           {.path = "solver.direct_samples", .kind = kInteger, .min = 1, .max = 4096,
            .nullable = true, .unit = "samples/texel",
-           .description = "Shadow rays of every texel towards area lights, at most (gather): where the "
-                          "first quarter agrees over 16 texels, no more follow. null: as many as "
-                          "target_error asks for."}),
+           .description = "Shadow rays of every texel towards area lights, at most (all but "
+                          "path): where the first quarter agrees over 16 texels, no more "
+                          "follow. radiosity_map sends them all. null: as many as "
+                          "target_error asks for (gather), 200 (radiosity_map), as many as "
+                          "target_error begins with (pairwise, matrix)."}),
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
            .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
                           "need no rays (gather). Where it can't hold the hits of all samples, fewer "
-                          "samples feed the bounces, and the rest are traced once at the end."}),
+                          "samples feed the bounces, and the rest are traced once at the end. "
+                          "radiosity_map remembers the first 64 at most."}),
       row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
           {.path = "solver.coarse_indirect", .kind = kBoolean,
            .description = "Gather indirect light at every second texel of a row and of a column, and "
@@ -212,7 +221,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "
-                          "share. 0: only at the limit on bounces."}),
+                          "share (gather, pairwise, directional). 0: only at the limit on bounces."}),
       row<[](auto& s) -> auto& { return s.solver.seed; }>(
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
@@ -220,13 +229,172 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.solver.without; }>(
           {.path = "solver.without", .kind = kChoices,
            .choices = {"low_discrepancy", "closed_form", "light_importance", "shadow_probes"},
-           .description = "Techniques to leave out, to see what each is worth (gather; path has none of "
-                          "them). The light stays the same except for noise, and for the little that "
+           .description = "Techniques to leave out, to see what each is worth (gather, and the direct "
+                          "light of pairwise and matrix; path has none of them). The light stays the same except for noise, and for the little that "
                           "shadow_probes miss. low_discrepancy: random points instead of a "
                           "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
                           "textured ones are. light_importance: one of many lights is drawn by its "
                           "power alone. shadow_probes: all shadow rays are sent, even where the "
                           "first agree."}),
+      row<[](auto& s) -> auto& { return s.solver.pair_samples; }>(
+          {.path = "solver.pair_samples", .kind = kInteger, .min = 1, .max = 256,
+           .unit = "samples/pair",
+           .description = "Pairs of points between which the view factor of two texels is taken "
+                          "(pairwise, matrix). 1: the middles of the texels. More: random pairs of "
+                          "their sixteen points each."}),
+      row<[](auto& s) -> auto& { return s.solver.near_field; }>(
+          {.path = "solver.near_field", .kind = kBoolean,
+           .description = "Take the view factor of two texels that are nearer to each other than four "
+                          "of their widths as the mean over all 256 pairs of their points (pairwise, "
+                          "matrix, links). false: by the formula for pairs of points alone, as in "
+                          "RTRad, which brightens corners."}),
+      row<[](auto& s) -> auto& { return s.solver.reflectivity_factor; }>(
+          {.path = "solver.reflectivity_factor", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Factor on every albedo (pairwise, matrix). 1: the scene's own."}),
+      row<[](auto& s) -> auto& { return s.solver.distance_factor; }>(
+          {.path = "solver.distance_factor", .kind = kNumber, .min = 0.01, .max = 100,
+           .description = "Factor on the distance of two texels in their view factor (pairwise, "
+                          "matrix). 1: physics."}),
+      row<[](auto& s) -> auto& { return s.solver.window; }>(
+          {.path = "solver.window", .kind = kInteger, .min = 1, .max = 256, .nullable = true,
+           .unit = "texels",
+           .description = "Texels of one chart that lie less than this apart, in x and in y, exchange no "
+                          "light (pairwise, matrix). 1: all exchange light. null: page_size / 128, at "
+                          "least 1."}),
+      row<[](auto& s) -> auto& { return s.solver.undersampling; }>(
+          {.path = "solver.undersampling", .kind = kChoice,
+           .choices = {"none", "stride", "monte_carlo", "mipmap"},
+           .description = "Which texels send light to all others (pairwise). none: every texel. The "
+                          "others take one sender for each window of window x window texels of a page, "
+                          "with the area of all of them. stride: the first texel of the window. "
+                          "monte_carlo: a random one, drawn by area, anew in every pass. mipmap: the "
+                          "mean of the window's texels, one for each chart in it."}),
+      row<[](auto& s) -> auto& { return s.solver.sender_seed; }>(
+          {.path = "solver.sender_seed", .kind = kChoice, .choices = {"window", "receiver"},
+           .description = "What the random sender hangs on (monte_carlo). window: on the window and the "
+                          "pass, the same for all receivers, so that the error is a pattern. receiver: "
+                          "on the receiver, too, so that the error is noise."}),
+      row<[](auto& s) -> auto& { return s.solver.iteration; }>(
+          {.path = "solver.iteration", .kind = kChoice,
+           .choices = {"jacobi", "gauss_seidel", "shooting"},
+           .description = "Order of the bounces (pairwise). jacobi: a pass is a bounce of the light "
+                          "before it. gauss_seidel: the tiles of a pass follow each other and read "
+                          "what those before them have just got. shooting: the texels with the most "
+                          "unshot light send it first, a block of them a pass."}),
+      row<[](auto& s) -> auto& { return s.solver.batch_texels; }>(
+          {.path = "solver.batch_texels", .kind = kInteger, .min = 1, .max = 65536,
+           .nullable = true, .unit = "texels",
+           .description = "Texels of a batch, for measurements (pairwise). null: as many as take some "
+                          "tens of milliseconds."}),
+      row<[](auto& s) -> auto& { return s.solver.max_contribution; }>(
+          {.path = "solver.max_contribution", .kind = kNumber, .min = 1e-6, .max = 1,
+           .nullable = true,
+           .description = "Clamp of the light that one sender gives a texel in a pass, as a share of the "
+                          "brightest sender's radiosity (pairwise). RTRad takes 0.05. The energy that it takes "
+                          "is told. null: no clamp."}),
+      row<[](auto& s) -> auto& { return s.solver.max_view_factor; }>(
+          {.path = "solver.max_view_factor", .kind = kNumber, .min = 1e-6, .max = 1,
+           .nullable = true,
+           .description = "Clamp of a view factor (pairwise). The energy that it takes is told. null: "
+                          "no clamp."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_threshold; }>(
+          {.path = "solver.subdivision_threshold", .kind = kNumber, .min = 0, .max = 10,
+           .nullable = true,
+           .description = "Senders are the leaves of a quadtree over each chart: four siblings become "
+                          "one where the gradient of radiosity and normals over the node stays below "
+                          "this (pairwise). RTRad takes 0.05. null: no quadtree."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_ramp; }>(
+          {.path = "solver.subdivision_ramp", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Grows subdivision_threshold by this after every pass."}),
+      row<[](auto& s) -> auto& { return s.solver.subdivision_max_node; }>(
+          {.path = "solver.subdivision_max_node", .kind = kInteger, .min = 4, .max = 64,
+           .unit = "texels",
+           .description = "Longest side of a leaf of the quadtree; a power of two."}),
+      row<[](auto& s) -> auto& { return s.solver.visibility; }>(
+          {.path = "solver.visibility", .kind = kChoice, .choices = {"ray", "cached", "voxel"},
+           .description = "How it is found what stands between two texels (pairwise). ray: a ray in "
+                          "every pass. cached: a ray in the first pass, remembered as one bit a pair. "
+                          "voxel: a march through a grid of voxels, coarse and approximate."}),
+      row<[](auto& s) -> auto& { return s.solver.visibility_cache_mib; }>(
+          {.path = "solver.visibility_cache_mib", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "MiB",
+           .description = "Memory for remembered visibility (cached). Pairs that it can't hold are "
+                          "traced in every pass; the log says how many it covers."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_grid; }>(
+          {.path = "solver.voxel_grid", .kind = kInteger, .min = 8, .max = 512, .unit = "voxels",
+           .description = "Voxels along the longest side of the scene (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_march; }>(
+          {.path = "solver.voxel_march", .kind = kChoice, .choices = {"fixed_steps", "exact"},
+           .description = "fixed_steps: samples at even steps of a grid that is filled from each "
+                          "triangle's main axis, as in RTRad; thin walls leak. exact: every voxel on "
+                          "the way of a grid with every voxel that a triangle touches (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.voxel_ratio; }>(
+          {.path = "solver.voxel_ratio", .kind = kNumber, .min = 0, .max = 1,
+           .description = "Share of the segments that march through voxels; the others are traced by "
+                          "rays (voxel)."}),
+      row<[](auto& s) -> auto& { return s.solver.direction_set; }>(
+          {.path = "solver.direction_set", .kind = kChoice,
+           .choices = {"largest_empty_circle", "hemicube"},
+           .description = "Directions of every texel (directional). largest_empty_circle: a "
+                          "progressive set on the disc, lifted to the hemisphere. hemicube: the cells "
+                          "of a hemicube, weighted by their form factors."}),
+      row<[](auto& s) -> auto& { return s.solver.rotate_directions; }>(
+          {.path = "solver.rotate_directions", .kind = kBoolean,
+           .description = "Turn the directions about the normal by an angle of each texel's own, so "
+                          "that the error is noise and no pattern (directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.mip_radiosity; }>(
+          {.path = "solver.mip_radiosity", .kind = kBoolean,
+           .description = "A direction reads the mean light of as much of a chart as its share of the "
+                          "hemisphere covers where it arrives, and not that of one texel "
+                          "(directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.rtrad_compat; }>(
+          {.path = "solver.rtrad_compat", .kind = kBoolean,
+           .description = "Weight directions as RTRad's text does, by a second cosine and by 1/r2, and "
+                          "drop hits nearer than 0.1 of half the scene's side: wrong light, to show "
+                          "the difference (directional)."}),
+      row<[](auto& s) -> auto& { return s.solver.series; }>(
+          {.path = "solver.series", .kind = kChoice, .choices = {"averaged", "unbiased"},
+           .description = "How samples become bounces (radiosity_map). averaged: each reads "
+                          "the mean of all before it, so that all bounces grow at once, but "
+                          "high ones are short of light; a warning tells by how much. "
+                          "solver.bounces sets no limit but 0. unbiased: a bounce takes all "
+                          "its samples before the next one begins, until tolerance or "
+                          "bounces."}),
+      row<[](auto& s) -> auto& { return s.solver.initial_samples; }>(
+          {.path = "solver.initial_samples", .kind = kInteger, .min = 1, .max = 4096,
+           .unit = "samples/texel",
+           .description = "Samples of direct light before the first bounce, and so before "
+                          "the first picture (radiosity_map)."}),
+      row<[](auto& s) -> auto& { return s.solver.same_directions; }>(
+          {.path = "solver.same_directions", .kind = kBoolean,
+           .description = "All texels take the same random numbers, so that the error is a "
+                          "pattern and no noise (gather, path, radiosity_map)."}),
+      row<[](auto& s) -> auto& { return s.solver.light_sampling; }>(
+          {.path = "solver.light_sampling", .kind = kChoice,
+           .choices = {"uniform", "stratified", "solid_angle"},
+           .description = "Points on area lights (radiosity_map). uniform: random ones of "
+                          "their area, with fireflies close to a lamp. stratified: the same "
+                          "from a low-discrepancy sequence. solid_angle: random directions "
+                          "to lights that are near against their size."}),
+      row<[](auto& s) -> auto& { return s.solver.ambient_term; }>(
+          {.path = "solver.ambient_term", .kind = kBoolean,
+           .description = "Previews of a bake that runs add the mean light that is still "
+                          "missing, as in a closed room (radiosity_map). The result has none "
+                          "of it."}),
+      row<[](auto& s) -> auto& { return s.solver.emitters; }>(
+          {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
+           .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
+                          "emitting texels send light as any texel does, as in RTRad, and it "
+                          "counts as indirect light (pairwise, matrix, links, directional; other "
+                          "methods refuse it)."}),
+      row<[](auto& s) -> auto& { return s.solver.link_error; }>(
+          {.path = "solver.link_error", .kind = kNumber, .min = 1e-6, .max = 1,
+           .description = "Light that one link between groups of texels may be off by, as a share of "
+                          "the mean radiosity of direct light (links). More is coarser and faster."}),
+      row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
+          {.path = "solver.allow_expensive", .kind = kBoolean,
+           .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
+                          "(pairwise), or more than 8192 texels (matrix)."}),
       row<[](auto& s) -> auto& { return s.sky.radiance; }>(
           {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),
@@ -255,7 +423,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Padding around charts that is filled from them. 0: the whole page."}),
       row<[](auto& s) -> auto& { return s.output.precision; }>(
           {.path = "output.precision", .kind = kChoice, .choices = {"half", "float"},
-           .description = "Numbers of the EXR pages. half: 16 bit; a page brighter than 60000 lx is "
+           .description = "Numbers of the EXR pages. half: 16 bit; a page with a value over 60000 is "
                           "written as float all the same, with a warning. float: 32 bit."}),
       row<[](auto& s) -> auto& { return s.output.layers; }>(
           {.path = "output.layers", .kind = kChoices, .min = 1,
@@ -264,13 +432,40 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
       row<[](auto& s) -> auto& { return s.output.formats; }>(
           {.path = "output.formats", .kind = kChoices, .min = 1,
            .choices = {"exr", "png", "glb"},
-           .description = "exr: the lightmap pages. png: tone-mapped previews. glb: the scene with "
-                          "lightmaps attached."}),
+           .description = "exr: the lightmap pages. png: tone-mapped previews, and a picture of every "
+                          "further layer. glb: the scene with lightmaps attached."}),
       row<[](auto& s) -> auto& { return s.output.exposure; }>(
           {.path = "output.exposure", .kind = kNumber, .min = 1e-9, .max = 1e9, .nullable = true,
            .unit = "1/lx",
            .description = "Factor on irradiance before the preview's tone curve. null: the 95th "
                           "percentile of lit texels becomes bright."}),
+      row<[](auto& s) -> auto& { return s.output.tone_curve; }>(
+          {.path = "output.tone_curve", .kind = kNumber, .min = 1e-3, .max = 10, .nullable = true,
+           .description = "k of the curve c / (k + c) that previews, pictures of layers and views then "
+                          "have, where c is a value over the brightest one of the page, which becomes "
+                          "1 / (1 + k); 0.02 to 0.1 shows dark rooms. Not with output.exposure. null: "
+                          "the usual curve."}),
+      row<[](auto& s) -> auto& { return s.output.preview_fade; }>(
+          {.path = "output.preview_fade", .kind = kNumber, .min = 0.01, .max = 1,
+           .description = "Share of the way from the light shown before to the light computed that "
+                          "the previews of a bake which runs go after each pass: below 1 they fade "
+                          "into each other. The result does not hang on it."}),
+      row<[](auto& s) -> auto& { return s.report.against; }>(
+          {.path = "report.against", .kind = kText, .max = 1024, .nullable = true,
+           .description = "What the result is compared with, in report.json, error maps, contours and "
+                          "histograms: the name of a method, which bakes the same texels after the "
+                          "bake; or the name of a side file of the scene, an OpenEXR page of "
+                          "the same size. Of several pages it names page_00.exr, or what ends in "
+                          "another number, and the others follow by theirs. null: no report."}),
+      row<[](auto& s) -> auto& { return s.report.samples; }>(
+          {.path = "report.samples", .kind = kInteger, .min = 1, .max = 65536,
+           .unit = "samples/texel",
+           .description = "Paths or directions, and shadow rays, of the method that report.against "
+                          "names. Their seed is another one than the bake's."}),
+      row<[](auto& s) -> auto& { return s.report.error_scale; }>(
+          {.path = "report.error_scale", .kind = kNumber, .min = 1e-3, .max = 1e6,
+           .description = "Factor on the error in the error maps: at 1, white is the reference's "
+                          "largest value."}),
   };
   return rows;
 }

@@ -28,7 +28,7 @@ LIGHTKILN = "build/release/lightkiln"
 SIZE, BOUNCES, THREADS = 256, 8, 2
 SHORT = 3  # s; longer bakes are not repeated
 GENERATED = ["many_lights", "room_textured"]
-WITHOUT_FOLDER = ["cornell", "cornell_geom"]  # a folder has such scenes itself
+WITHOUT_FOLDER = ["cornell", "bumpy_ball"]  # a folder has such scenes itself
 # Techniques to leave out, one at a time. The series "gather" and "filter" have all of them.
 ABLATION = {"dense": {"solver.coarse_indirect": False},
             "incoherent": {"solver.ray_pattern": "incoherent"},

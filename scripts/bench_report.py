@@ -14,7 +14,7 @@ NAMES = {"cycles": "Cycles", "path": "Lightkiln, path", "gather": "Lightkiln, ga
          "filter": "Lightkiln, gather",
          "rms": "Lightkiln, error named, no filter", "rms_filter": "Lightkiln, error named",
          "presets": "Lightkiln, presets"}
-BOUNCES_AT = {"cornell": "256²", "cornell_geom": "1024²"}  # pages of the bounces benchmark
+BOUNCES_AT = {"cornell": "256²", "bumpy_ball": "1024²"}  # pages of the bounces benchmark
 TARGETS = [0.05, 0.02, 0.01]
 # The technique that a curve leaves out and "filter" has.
 ABLATION = {"gather": "the filter", "dense": "interpolation between every second texel",

@@ -14,6 +14,8 @@
 #include "server/sandbox/image_process.h"
 #include "server/sandbox/setup.h"
 #include "server/service.h"
+#include "server/view.h"
+#include "server/visibility.h"
 
 namespace kiln::server {
 namespace {
@@ -75,8 +77,11 @@ bool wait_for_jobs(Service& service, std::uint32_t seconds) {
 // Makes the baker, with everything that decodes an upload in another process. What an import makes
 // is kept beside the upload, and goes with it.
 ServiceParts isolated_parts(const std::shared_ptr<const sandbox::Importer>& importer,
-                            std::shared_ptr<base::MemoryBudget> memory) {
+                            std::shared_ptr<base::MemoryBudget> memory,
+                            const base::ServerConfig& config) {
   ServiceParts parts;
+  parts.view = make_view(importer, memory);
+  parts.see = make_visibility(importer, memory, config.visibility_cache_bytes);
   parts.watch_checks = [memory](std::function<void()> wake) {
     return memory->watch(std::move(wake));
   };
@@ -116,7 +121,7 @@ int serve(const base::ServerConfig& given) {
     std::fprintf(stderr, "lightkiln: %s\n", importer.error().message.c_str());
     return 1;
   }
-  auto service = Service::start(config, isolated_parts(*importer, memory));
+  auto service = Service::start(config, isolated_parts(*importer, memory, config));
   if (!service) {
     std::fprintf(stderr, "lightkiln: %s\n", service.error().message.c_str());
     return 1;

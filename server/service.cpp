@@ -111,7 +111,10 @@ struct Service::Impl {
              uploads,
              gate,
              {parts.check, parts.watch_checks},
-             pool.size(),
+             pool,
+             parts.view,
+             parts.see,
+             metrics,
              import_memory(config, parts.memory.get())}),
         admin(api::admin_pages(
             data, store, [this] { return draining.load(); }, [this] { return metrics_text(); })) {
@@ -149,7 +152,8 @@ struct Service::Impl {
     return metrics.text({jobs_now.queued, jobs_now.running, streams.streams(), store.deliveries(),
                          api_server->waiting(), api_server->uploads(), streams.dropped(),
                          data.bytes(), data.free_share(), api_server->connections(),
-                         config.memory_budget_bytes, jobs_now.reserved_bytes});
+                         config.memory_budget_bytes, jobs_now.reserved_bytes,
+                         parts.memory ? parts.memory->spare() : 0});
   }
 
   proto::Expected<void> listen() {

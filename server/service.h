@@ -26,7 +26,9 @@ struct ServiceParts {
   webhooks::WebhookDelays webhook_delays = webhooks::kWebhookDelays;
   webhooks::WebhookLimits webhook_limits{};
   api::WatchFunction watch_checks =
-      nullptr;  ///< null: those that were refused ask again now and then
+      nullptr;                            ///< null: those that were refused ask again now and then
+  api::ViewFunction view = nullptr;       ///< null: the route of views is of no use
+  api::VisibilityFunction see = nullptr;  ///< null: so is that of visibility
 };
 
 /// Runs the whole service in this process: store, queue, both ports. serve() is this plus signals.

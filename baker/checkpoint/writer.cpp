@@ -102,10 +102,10 @@ void CheckpointWriter::submit(const solver::PassPlan& plan,
   rethrow_bug();
   shared_is_filled_ = shared_is_filled_ || fills_shared(plan);
   const bool with_shared = !plan.completes && shared_is_filled_ && !shared_is_on_disk_;
-  if (!with_shared && light->hits.size() > 0) {
+  if (!with_shared && light->has_shared()) {
     // The light that waits keeps no plane that is not written.
     auto rest = std::make_shared<lightmap::Lightmap>(*light);
-    rest->hits.drop();
+    rest->drop_shared();
     light = std::move(rest);
   }
   waiting_ = Submitted{{passes.begin(), passes.end()}, std::move(light), with_shared};

@@ -8,18 +8,6 @@
 namespace kiln::generate {
 namespace {
 
-/// Describes a face of the cube [-1,1]^3: its center, and edges with center = edge_u x edge_v.
-struct CubeFace {
-  BoxFace face;
-  math::Vec3 center, edge_u, edge_v;
-};
-constexpr std::array<CubeFace, 6> kCube{{{kFloor, {0, -1, 0}, {1, 0, 0}, {0, 0, 1}},
-                                         {kCeiling, {0, 1, 0}, {1, 0, 0}, {0, 0, -1}},
-                                         {kLeft, {-1, 0, 0}, {0, 0, 1}, {0, 1, 0}},
-                                         {kRight, {1, 0, 0}, {0, 0, -1}, {0, 1, 0}},
-                                         {kBack, {0, 0, -1}, {-1, 0, 0}, {0, 1, 0}},
-                                         {kFront, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}}};
-
 /// Returns the unit normal of the surface |x| = radius * relief(x / |x|), which is the gradient of
 /// |x| - r(x/|x|).
 math::Vec3 relief_normal(math::Vec3 direction, float r, const Relief& relief) {

@@ -46,6 +46,18 @@ enum BoxFace : unsigned {
   kAllFaces = 63,
 };
 
+/// A face of the cube [-1,1]^3: its center, and edges with center = edge_u x edge_v.
+struct CubeFace {
+  BoxFace face;
+  math::Vec3 center, edge_u, edge_v;
+};
+inline constexpr std::array<CubeFace, 6> kCube{{{kFloor, {0, -1, 0}, {1, 0, 0}, {0, 0, 1}},
+                                                {kCeiling, {0, 1, 0}, {1, 0, 0}, {0, 0, -1}},
+                                                {kLeft, {-1, 0, 0}, {0, 0, 1}, {0, 1, 0}},
+                                                {kRight, {1, 0, 0}, {0, 0, -1}, {0, 1, 0}},
+                                                {kBack, {0, 0, -1}, {-1, 0, 0}, {0, 1, 0}},
+                                                {kFront, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}}};
+
 /// Returns the radius of a ball in a direction (unit) as a multiple of its mean radius.
 using Relief = std::function<float(math::Vec3 direction)>;
 
@@ -58,6 +70,8 @@ class SceneBuilder {
   /// `size_m` meters.
   void texture(std::int32_t material, std::string png, float size_m);
 
+  /// Adds a piece of surface of any shape.
+  void surface(Patch patch) { patches_.push_back(std::move(patch)); }
   /// Adds a parallelogram, whose front faces the direction of edge_u x edge_v.
   void quad(const std::string& node, std::int32_t material, math::Vec3 corner, math::Vec3 edge_u,
             math::Vec3 edge_v);

@@ -11,19 +11,64 @@ namespace {
 struct Generator {
   GeneratorInfo info;
   SceneFunction function;
-  std::uint32_t detail;  ///< default
+  std::uint32_t detail;                    ///< default
+  std::uint32_t most_detail = kMaxDetail;  ///< a ball of this has 13 million triangles
 };
 
 constexpr std::array kGenerators{
     Generator{{"cornell", "Cornell box of 5.5 m with two blocks and a ceiling lamp"}, cornell, 1},
-    Generator{{"cornell_layers", "Cornell box with four shelves that hide the lamp from the floor"},
+    Generator{
+        {"cornell_shelves", "Cornell box with four shelves that hide the lamp from the floor"},
+        cornell_shelves,
+        1},
+    Generator{
+        {"bumpy_ball",
+         "Cornell box with a bumpy ball on a plinth; 12 detail^2 triangles, detail 91 = 99,372"},
+        bumpy_ball,
+        91},
+    Generator{{"cornell_30", "Cornell box of exactly 30 triangles, lamp included (radiosity maps)"},
+              cornell_30,
+              1},
+    Generator{{"cornell_lucy",
+               "Cornell box with a winged statue under a large lamp (RTRad); the statue has 1,072 "
+               "detail^2 triangles, detail 10 = 107,200"},
+              cornell_lucy,
+              10,
+              32},
+    Generator{{"cornell_geom", "Cornell box with simple shapes under a narrow lamp (RTRad)"},
+              cornell_geom,
+              1},
+    Generator{{"cornell_layers",
+               "Cornell box split by a wedge (RTRad), 60 triangles; no light reaches 'dark half'"},
               cornell_layers,
               1},
+    Generator{{"spheres_and_cube",
+               "open box with two spheres and a cube, 478 triangles (radiosity maps); give it "
+               "sky.radiance [0.5, 0.8, 0.5], greenish"},
+              spheres_and_cube,
+              1},
+    Generator{{"toys", "bear, bricks, balls and rings in a corner (radiosity maps)"}, toys, 1},
+    Generator{{"teddy",
+               "bear with a bottle (radiosity maps); give it sky.radiance [0.3, 0.5, 1.2], blue"},
+              teddy,
+              1},
+    Generator{{"jeep",
+               "open car on sand (radiosity maps); give it sky.radiance [1.0, 0.8, 0.6], of dusk"},
+              jeep,
+              1},
+    Generator{{"small_lights", "furnished room under ten lamps of 8 cm (RTRad, GPU Gems 2)"},
+              small_lights,
+              1},
+    Generator{{"octagon_textured",
+               "octagonal hall, all in textures, with colored lamps and a serpent (RTRad)"},
+              octagon_textured,
+              1},
     Generator{
-        {"cornell_geom",
-         "Cornell box with a bumpy ball on a plinth; 12 detail^2 triangles, detail 91 = 99,372"},
-        cornell_geom,
-        91},
+        {"atrium",
+         "sunlit court with two storeys of arcades, no textures (in place of Sponza); give it "
+         "sky.radiance [3000, 4000, 6000]"},
+        atrium,
+        1},
     Generator{{"room_textured", "closed room with image textures and a picture that glows"},
               room_textured,
               1},
@@ -79,13 +124,14 @@ std::vector<GeneratorInfo> generators() {
 }
 
 proto::Expected<std::string> generate_glb(std::string_view name, std::uint32_t detail) {
-  if (detail > kMaxDetail)
-    return proto::fail("invalid_detail", "detail is " + std::to_string(detail) + "; at most " +
-                                             std::to_string(kMaxDetail));
-  for (const Generator& g : kGenerators)
-    if (g.info.name == name) return g.function(std::string(name), detail == 0 ? g.detail : detail);
   std::string names;
   for (const Generator& g : kGenerators) {
+    if (g.info.name == name) {
+      if (detail > g.most_detail)
+        return proto::fail("invalid_detail", "detail is " + std::to_string(detail) + "; at most " +
+                                                 std::to_string(g.most_detail));
+      return g.function(std::string(name), detail == 0 ? g.detail : detail);
+    }
     if (!names.empty()) names += ", ";
     names += g.info.name;
   }

@@ -6,40 +6,6 @@
 namespace kiln::generate {
 namespace {
 
-// The box of Goral, Torrance, Greenberg and Battaile in Cornell's measured version, in meters. The
-// floor's middle is the origin, the open side faces +Z, and red is on the left.
-constexpr math::Vec3 kCornellSize{5.528f, 5.488f, 5.592f};
-
-struct CornellColors {
-  std::int32_t white, red, green, lamp;
-};
-
-CornellColors cornell_room(SceneBuilder& scene) {
-  const CornellColors c{scene.material("white", {0.725f, 0.71f, 0.68f}),
-                        scene.material("red", {0.63f, 0.065f, 0.05f}),
-                        scene.material("green", {0.14f, 0.45f, 0.091f}),
-                        scene.material("lamp", {0, 0, 0}, {17, 12, 4})};
-  const Box box{{0, 0, 0}, kCornellSize};
-  scene.room("room", c.white, box, kFloor | kCeiling | kBack);
-  scene.room("room", c.red, box, kLeft);
-  scene.room("room", c.green, box, kRight);
-  // The lamp hangs one centimeter under the ceiling and faces down only.
-  scene.quad("lamp", c.lamp, {-0.65f, 5.478f, -0.525f}, {1.3f, 0, 0}, {0, 0, 1.05f});
-  return c;
-}
-
-/// A smooth periodic wave. It uses no transcendental functions, because their last bits vary
-/// between machines.
-float wave(float x) {
-  const float turn = x - 2 * std::floor(x / 2 + 0.5f);  // [-1, 1)
-  return 4 * turn * (1 - std::abs(turn));
-}
-
-float bumps(math::Vec3 d) {
-  return 1 + 0.10f * wave(2 * d.x + 0.3f) * wave(2 * d.y) * wave(2 * d.z + 0.5f) +
-         0.03f * wave(7 * d.x) * wave(7 * d.y + 0.25f) + 0.02f * wave(9 * d.z) * wave(8 * d.y);
-}
-
 std::array<std::uint8_t, 3> checker(std::uint32_t x, std::uint32_t y) {
   const bool light = ((x / 32) + (y / 32)) % 2 == 0;
   const auto grain = static_cast<std::uint8_t>((x * 7 + y * 13) % 16);
@@ -75,42 +41,6 @@ class Scatter {
 };
 
 }  // namespace
-
-std::string cornell(const std::string& name, std::uint32_t) {
-  SceneBuilder scene(name);
-  const CornellColors c = cornell_room(scene);
-  constexpr unsigned kUpright =
-      kAllFaces & ~kFloor;  // the underside of a block on the floor is never lit
-  scene.solid("short block", c.white,
-              {{0.914f, 0, 1.106f}, {1.65f, 1.65f, 1.65f}, math::normalize({0.956f, 0, 0.293f})},
-              kUpright);
-  scene.solid("tall block", c.white,
-              {{-0.921f, 0, -0.718f}, {1.65f, 3.3f, 1.65f}, math::normalize({0.955f, 0, -0.296f})},
-              kUpright);
-  return scene.finish();
-}
-
-std::string cornell_layers(const std::string& name, std::uint32_t) {
-  SceneBuilder scene(name);
-  const CornellColors c = cornell_room(scene);
-  // Each shelf spans two thirds of the room. Shelves alternate between the left and the right wall,
-  // 2 cm off it.
-  for (int i = 0; i < 4; ++i) {
-    const float side = i % 2 == 0 ? -1.f : 1.f;
-    const float y = 1 + 1.05f * float(i);
-    scene.solid("shelf " + std::to_string(i + 1), c.white,
-                {{side * (kCornellSize.x / 2 - 1.92f), y, -0.2f}, {3.8f, 0.04f, 4.8f}});
-  }
-  return scene.finish();
-}
-
-std::string cornell_geom(const std::string& name, std::uint32_t detail) {
-  SceneBuilder scene(name);
-  const CornellColors c = cornell_room(scene);
-  scene.solid("plinth", c.white, {{0, 0, 0}, {1.8f, 0.8f, 1.8f}}, kAllFaces & ~kFloor);
-  scene.ball("statue", c.white, {0, 2.2f, 0}, 1.25f, detail, bumps);
-  return scene.finish();
-}
 
 std::string room_textured(const std::string& name, std::uint32_t) {
   SceneBuilder scene(name);

@@ -10,8 +10,21 @@ namespace kiln::generate {
 using SceneFunction = std::string (*)(const std::string& name, std::uint32_t detail);
 
 std::string cornell(const std::string& name, std::uint32_t detail);
-std::string cornell_layers(const std::string& name, std::uint32_t detail);
+std::string cornell_shelves(const std::string& name, std::uint32_t detail);
+std::string bumpy_ball(const std::string& name, std::uint32_t detail);
+std::string cornell_30(const std::string& name, std::uint32_t detail);
+std::string cornell_lucy(const std::string& name, std::uint32_t detail);
 std::string cornell_geom(const std::string& name, std::uint32_t detail);
+std::string cornell_layers(const std::string& name, std::uint32_t detail);
+std::string spheres_and_cube(const std::string& name, std::uint32_t detail);
+
+std::string small_lights(const std::string& name, std::uint32_t detail);
+std::string octagon_textured(const std::string& name, std::uint32_t detail);
+std::string atrium(const std::string& name, std::uint32_t detail);
+std::string toys(const std::string& name, std::uint32_t detail);
+std::string teddy(const std::string& name, std::uint32_t detail);
+std::string jeep(const std::string& name, std::uint32_t detail);
+
 std::string room_textured(const std::string& name, std::uint32_t detail);
 std::string many_lights(const std::string& name, std::uint32_t detail);
 

@@ -1,5 +1,7 @@
 #include "baker/gltf/document.h"
 
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "baker/exec/stop.h"
@@ -186,6 +188,23 @@ void read_images(Document& document, const Json& images) {
   }
 }
 
+void read_cameras(Document& document, const Json& cameras) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  const auto number = [&](const Json& camera, const char* kind, const char* name) {
+    const auto found = camera.find(kind);
+    return found == camera.end() ? kUnknown : found->value(name, kUnknown);
+  };
+  for (const Json& camera : cameras) {
+    const std::string type = camera.value("type", "");
+    CameraSource& out = document.cameras.emplace_back();
+    out.name = camera.value("name", "");
+    out.orthographic = type == "orthographic";
+    out.half_height = out.orthographic        ? number(camera, "orthographic", "ymag")
+                      : type == "perspective" ? std::tan(number(camera, "perspective", "yfov") / 2)
+                                              : kUnknown;
+  }
+}
+
 /// Refuses indices without data, which the library refuses without saying where they are.
 Expected<void> check_index_accessors(const Json& document, const std::stop_token& stop) {
   if (!document.contains("meshes") || !document.contains("accessors")) return {};
@@ -220,6 +239,7 @@ Expected<void> read_document(Document& document, const Container& container,
   const Json& buffers = collection(parsed, "buffers");
   document.source_views = collection(parsed, "bufferViews").size();
   read_images(document, collection(parsed, "images"));
+  read_cameras(document, collection(parsed, "cameras"));
   document.has_animations = !collection(parsed, "animations").empty();
   if (auto loaded = load_buffers(document, buffers, container, stop); !loaded) return loaded;
   if (auto unpacked = unpack_views(document, collection(parsed, "bufferViews"), limits, stop);

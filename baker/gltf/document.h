@@ -56,6 +56,15 @@ struct ImageSource {
   int buffer_view = -1;
 };
 
+/// A camera in its node's space: it looks along -Z, +Y is up.
+struct CameraSource {
+  std::string name;
+  bool orthographic = false;
+  /// Half the height of the picture, m; of a perspective one at a distance of 1 m. NaN where the
+  /// document does not say it.
+  double half_height = 0;
+};
+
 /// A glTF whose structure was checked: every index has its target, every buffer view lies in its
 /// buffer and every accessor in its view. Compressed views and meshes are plain: they have buffer
 /// views of their own, the last ones of the model. `model` has no buffers, images, skins, cameras
@@ -74,6 +83,7 @@ struct Document {
   std::vector<std::optional<std::string_view>> unpacked_views;
   std::size_t source_views = 0;  ///< buffer views of the file itself
   std::vector<ImageSource> images;
+  std::vector<CameraSource> cameras;
   bool has_animations = false;
   WarningList warnings;
 

@@ -65,6 +65,7 @@ void read_nodes(tinygltf::Model& model, const Json& document, exec::StopPoll& st
     node.name = from.value("name", "");
     node.mesh = from.value("mesh", -1);
     node.skin = from.value("skin", -1);
+    node.camera = from.value("camera", -1);
     node.children = list_of<int>(from, "children");
     node.matrix = list_of<double>(from, "matrix");
     node.translation = list_of<double>(from, "translation");

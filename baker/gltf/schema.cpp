@@ -144,6 +144,11 @@ constexpr Field kLight[] = {text("type", kRequired), numbers("color", 3, 0), num
 constexpr Field kLightList[] = {objects("lights", kLight, kRequired)};
 constexpr Field kRootExtensions[] = {object("KHR_lights_punctual", kLightList)};
 
+constexpr Field kPerspective[] = {number("yfov")};
+constexpr Field kOrthographic[] = {number("ymag")};
+constexpr Field kCamera[] = {text("type"), text("name"), object("perspective", kPerspective),
+                             object("orthographic", kOrthographic)};
+
 constexpr Field kRoot[] = {object("asset", kAsset, kRequired),
                            {"extensionsUsed", Kind::kStrings},
                            {"extensionsRequired", Kind::kStrings},
@@ -160,7 +165,7 @@ constexpr Field kRoot[] = {object("asset", kAsset, kRequired),
                            objects("materials", kMaterial),
                            objects("skins", {}),
                            objects("animations", {}),
-                           objects("cameras", {}),
+                           objects("cameras", kCamera),
                            object("extensions", kRootExtensions)};
 
 }  // namespace

@@ -32,8 +32,9 @@ Window read_window(Cursor& at) {
 
 struct Layout {
   Window data, display;
-  std::uint64_t pixel_bytes = 0;  ///< all channels
-  std::set<std::string_view> channels;
+  std::uint64_t pixel_bytes = 0;                 ///< all channels
+  std::set<std::string_view> channels, numbers;  ///< all of them; those of half or float
+  std::string_view layers;                       ///< what Lightkiln writes of them
   std::uint8_t compression = 0;
   bool tiled = false;
   std::optional<Primaries> primaries;
@@ -60,6 +61,7 @@ std::string read_channels(Cursor at, Layout& out) {
     if (x_step != 1 || y_step != 1) return "its channels are subsampled";
     if (!out.channels.insert(name).second) return "a channel appears twice";
     if (out.channels.size() > kMaxChannels) return "it has too many channels";
+    if (type == kHalf || type == kFloat) out.numbers.insert(name);
     out.pixel_bytes += type == kHalf ? 2 : 4;
   }
 }
@@ -78,6 +80,8 @@ std::string read_attribute(std::string_view name, std::string_view type, std::st
     out.compression = at.value<std::uint8_t>();
   } else if (is("channels", "chlist", 0)) {
     return read_channels(at, out);
+  } else if (is("lightkiln:layers", "string", 0)) {
+    out.layers = bytes;
   } else if (name == "chromaticities") {
     if (!is("chromaticities", "chromaticities", 32)) return "its chromaticities can't be read";
     Primaries& p = out.primaries.emplace();
@@ -102,10 +106,23 @@ std::string check(const Layout& layout) {
   return "";
 }
 
+/// See Header::layers.
+std::vector<std::string> layers_of(const Layout& layout) {
+  std::vector<std::string> names{std::string(layout.layers.substr(0, layout.layers.find(',')))};
+  for (const std::string_view channel : layout.numbers) {
+    if (!channel.ends_with(".R")) continue;
+    const std::string name(channel.substr(0, channel.size() - 2));
+    if (layout.numbers.contains(name + ".G") && layout.numbers.contains(name + ".B"))
+      names.push_back(name);
+  }
+  return names;
+}
+
 /// Fills in the facts that a decoder needs. `rest`: bytes behind the header.
 void fill(Header& header, const Layout& layout, std::size_t rest) {
   header.size = {std::uint32_t(layout.width()), std::uint32_t(layout.height())};
   header.primaries = layout.primaries;
+  header.layers = layers_of(layout);
   std::uint64_t chunks = 0;
   if (layout.tiled) {
     const std::uint64_t x = layout.tile_x, y = layout.tile_y;

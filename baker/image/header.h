@@ -31,6 +31,10 @@ struct Header {
   std::string odd;   ///< why an OpenEXR or TIFF file is more than one plain picture; "" if it isn't
   std::string flaw;  ///< why it can't be decoded whatever its size is; "" where nothing is known
   bool animated = false;
+  /// OpenEXR: the layers of half or float colors. The first is R, G, B, and "" where the file does
+  /// not say how it is called; another one is name.R, name.G, name.B.
+  std::vector<std::string> layers;
+  std::string layer;  ///< OpenEXR: the one to decode; "": the first
 
   // The decoder needs these.
   std::vector<std::string_view> parts;        ///< the file, without what makes no pixel

@@ -134,7 +134,7 @@ Source source_of(const Header& header, const std::vector<std::string_view>& part
   const std::uint32_t rows = header.chunk_bytes > 0
                                  ? header.rows
                                  : std::max(1u, kRowBytes / (8 * std::max(1u, header.size.width)));
-  return {header.format, parts, header.size.width, header.size.height, rows};
+  return {header.format, parts, header.size.width, header.size.height, rows, header.layer};
 }
 
 /// Turns the outcome of a decoder into a result of ours.

@@ -23,6 +23,7 @@ struct Source {
   std::span<const std::string_view> parts;  ///< the file, in order
   std::uint32_t width = 0, height = 0;
   std::uint32_t rows = 1;  ///< rows at a time; a stop request is looked for in between
+  std::string_view layer;  ///< read_rgb, OpenEXR: reads `layer`.R, .G, .B; "": R, G, B
 };
 
 /// Takes an encoded file. Returns false when it can't; nothing more is written then.
@@ -65,14 +66,15 @@ struct Module {
   Outcome (*read_rgba8)(const Source&, Texels, const std::stop_token&);
   /// Writes nothing but alpha.
   Outcome (*read_alpha8)(const Source&, Texels, const std::stop_token&);
-  /// R, G and B. Writes A to `alpha`, which is empty or as long; 1 where there is none.
+  /// R, G and B of source.layer. Writes A to `alpha`, which is empty or as long; 1 where there is
+  /// none.
   Outcome (*read_rgb)(const Source&, std::span<math::Rgb> rgb, std::span<float> alpha,
                       const std::stop_token&);
   Outcome (*write_exr)(const ExrPlan&, FloatRows&, Sink&, const std::stop_token&);
   Outcome (*write_png)(std::span<const std::uint8_t> samples, std::uint32_t width,
                        std::uint32_t height, int channels, Sink&);
 };
-inline constexpr std::uint32_t kInterfaceVersion = 2;
+inline constexpr std::uint32_t kInterfaceVersion = 3;
 /// Name of the module's one function, `const Module* ()`.
 inline constexpr const char* kModuleEntry = "lightkiln_image_module";
 

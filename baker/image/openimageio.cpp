@@ -316,7 +316,7 @@ struct Channel {
   }
 };
 
-/// The channels R, G, B and A among those of a picture.
+/// The channels R, G, B of a layer, and A, among those of a picture.
 struct Channels {
   std::array<Channel, 4> rgba;
   bool has_alpha = false;
@@ -324,10 +324,12 @@ struct Channels {
   std::size_t pixel_bytes = 0;  ///< of these
 
   /// Returns false when one is missing, or of another type.
-  bool find(const OIIO::ImageSpec& spec, bool alpha) {
+  bool find(const OIIO::ImageSpec& spec, std::string_view layer, bool alpha) {
     std::array<int, 4> at{};
-    for (std::size_t c = 0; c < at.size(); ++c)
-      at[c] = spec.channelindex(std::string(1, "RGBA"[c]));
+    std::string prefix(layer);
+    if (!layer.empty()) prefix += '.';
+    for (std::size_t c = 0; c < 3; ++c) at[c] = spec.channelindex(prefix + "RGB"[c]);
+    at[3] = spec.channelindex("A");
     has_alpha = alpha && at[3] >= 0;
     if (!has_alpha) at[3] = at[0];
     first = *std::min_element(at.begin(), at.end());
@@ -349,7 +351,7 @@ Outcome read_rgb(const Source& source, std::span<Rgb> rgb, std::span<float> alph
   std::vector<char> pixels;
   return reader.read([&](std::uint32_t y0, std::uint32_t y1) {
     Channels channels;
-    if (!channels.find(reader.spec(), !alpha.empty())) return false;
+    if (!channels.find(reader.spec(), source.layer, !alpha.empty())) return false;
     pixels.resize(std::size_t(y1 - y0) * source.width * channels.pixel_bytes);
     if (!reader.take(y0, y1, channels.first, channels.last, pixels.data())) return false;
     const auto& [r, g, b, a] = channels.rgba;

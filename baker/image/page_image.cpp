@@ -117,8 +117,18 @@ class FileSink final : public Sink {
   std::string gathered_;
 };
 
-proto::Unexpected invalid(const std::string& what) {
-  return fail("invalid_image", "OpenEXR: " + what);
+/// Returns false when the file has no such layer.
+bool choose_layer(Header& header, std::string_view layer) {
+  if (layer.empty() || layer == header.layers.front()) return true;
+  header.layer = layer;
+  return std::find(header.layers.begin() + 1, header.layers.end(), layer) != header.layers.end();
+}
+
+std::string list_layers(const Header& header) {
+  std::string names;
+  for (const std::string& name : header.layers)
+    if (!name.empty()) names += (names.empty() ? "" : ", ") + name;
+  return names.empty() ? "its layers have no names" : "its layers are " + names;
 }
 
 }  // namespace
@@ -148,23 +158,29 @@ proto::Expected<void> write_exr(const std::filesystem::path& path, std::span<con
   return written;
 }
 
-proto::Expected<PageImage> read_exr(const std::filesystem::path& path) {
+proto::Expected<PageImage> read_exr(const std::filesystem::path& path, std::string_view layer,
+                                    const std::stop_token& stop) {
+  const auto wrong = [&](const std::string& what) {
+    return fail("invalid_image", "OpenEXR: " + what);
+  };
   const auto mapped = files::MappedFile::open(path, files::MappedFile::kAnyLength);
-  if (!mapped) return invalid(mapped.error().message);
-  if (format_of(mapped->bytes()) != Format::kExr) return invalid("it is another file");
+  if (!mapped) return wrong(mapped.error().message);
+  if (format_of(mapped->bytes()) != Format::kExr) return wrong("it is another file");
   auto header = read_header(mapped->bytes());
-  if (!header) return invalid(header.error().message);
+  if (!header) return wrong(header.error().message);
   const std::uint64_t width = header->size.width, height = header->size.height;
   if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels)
-    return invalid("the size of " + std::to_string(width) + " x " + std::to_string(height) +
-                   " is over the limit");
+    return wrong("the size of " + std::to_string(width) + " x " + std::to_string(height) +
+                 " is over the limit");
+  if (!choose_layer(*header, layer))
+    return wrong("it has no layer '" + std::string(layer) + "'; " + list_layers(*header));
   PageImage image;
   image.width = header->size.width;
   image.height = header->size.height;
   image.rgb.resize(width * height);
   image.coverage.resize(width * height);
-  auto decoded = decode_rgb(*header, image.rgb, image.coverage, {});
-  if (!decoded && decoded.error().code == "invalid_image") return invalid(decoded.error().message);
+  auto decoded = decode_rgb(*header, image.rgb, image.coverage, stop);
+  if (!decoded && decoded.error().code == "invalid_image") return wrong(decoded.error().message);
   if (!decoded) return proto::Unexpected(std::move(decoded.error()));
   for (float& a : image.coverage)
     if (!(a > 0.5f)) a = 0;

@@ -6,6 +6,7 @@
 #include <span>
 #include <stop_token>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -36,10 +37,13 @@ proto::Expected<void> write_exr(const std::filesystem::path&, std::span<const Ex
                                 proto::Precision,
                                 std::span<const std::pair<std::string, std::string>> metadata,
                                 const std::stop_token& = {});
-/// Reads R,G,B of the first part of any flat OpenEXR file up to 2^27 pixels. Coverage is the alpha
+/// Reads a layer of the first part of any flat OpenEXR file up to 2^27 pixels: `layer`.R, .G, .B,
+/// or R, G, B for "" and for the name that `lightkiln:layers` gives them. Coverage is the alpha
 /// where that is over one half, else 0 (other bakers write partial coverage as alpha); 1 without
-/// alpha. The header is checked before memory is taken. Errors: `invalid_image`.
-proto::Expected<PageImage> read_exr(const std::filesystem::path&);
+/// alpha. The header is checked before memory is taken. Errors: `canceled`, and `invalid_image`,
+/// which for a layer that is missing tells those that there are.
+proto::Expected<PageImage> read_exr(const std::filesystem::path&, std::string_view layer = "",
+                                    const std::stop_token& = {});
 
 /// Returns the PNG bytes of an 8-bit RGB image.
 proto::Expected<std::string> encode_png(std::span<const std::array<std::uint8_t, 3>>,

@@ -9,6 +9,7 @@
 #include "baker/gltf/findings.h"
 #include "baker/gltf/json.h"
 #include "baker/gltf/tinygltf.h"
+#include "baker/import/cameras.h"
 #include "baker/import/graph.h"
 #include "baker/import/images.h"
 #include "baker/import/lights.h"
@@ -291,6 +292,11 @@ proto::Expected<void> OpenedScene::check(const proto::BakeSettings& settings,
     if (auto found = check_sky_map(document, *settings.sky.map, limits); !found) return found;
     lights.sky_map = {2, 1, {{1, 1, 1}, {1, 1, 1}}};  // what it shows is not known yet
   }
+  if (settings.report.against && !settings.report.method()) {
+    const auto file =
+        document.files.named_file(*settings.report.against, "settings", "/report/against");
+    if (!file) return Unexpected(file.error());
+  }
   if (auto added = add_punctual_lights(lights, document, placed, limits); !added) return added;
   if (auto added = add_settings_lights(lights, settings, stop); !added) return added;
   if (auto lit = require_light(lights, import.emissive, settings); !lit) return lit;
@@ -306,6 +312,7 @@ proto::Expected<scene::Scene> OpenedScene::import(const std::optional<std::strin
   if (auto done = add_punctual_lights(scene, document, placed, limits); !done) {
     return Unexpected(done.error());
   }
+  add_cameras(scene, document, placed);
   scene.materials = import.materials.materials();
   if (auto done = load_images(document, scene, limits, stop); !done)
     return Unexpected(done.error());

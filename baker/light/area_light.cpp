@@ -123,9 +123,9 @@ simd::LightShape AreaLight::shape() const {
   return s;
 }
 
-std::vector<AreaLight> find_area_lights(const scene::Scene& scene) {
+std::vector<AreaLight> find_area_lights(const scene::Scene& scene, bool surfaces) {
   std::vector<AreaLight> triangles;
-  for (std::uint32_t t = 0; t < scene.triangles.size(); ++t) {
+  for (std::uint32_t t = 0; surfaces && t < scene.triangles.size(); ++t) {
     if (!is_emissive(scene, t)) continue;
     const auto& v = scene.triangles[t];
     AreaLight light =

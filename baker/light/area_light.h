@@ -48,7 +48,8 @@ struct AreaLight {
 };
 
 /// Returns all flat emitters of the scene. Two uniform triangles of one material that form a
-/// parallelogram become one light, so that sampling it has no seam.
-std::vector<AreaLight> find_area_lights(const scene::Scene&);
+/// parallelogram become one light, so that sampling it has no seam. @param surfaces false: only
+/// those that are no part of the surface
+std::vector<AreaLight> find_area_lights(const scene::Scene&, bool surfaces = true);
 
 }  // namespace kiln::light

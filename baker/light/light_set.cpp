@@ -27,9 +27,9 @@ std::vector<float> power_shares(const std::vector<AreaLight>& lights) {
 
 }  // namespace
 
-LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers)
+LightSet::LightSet(const scene::Scene& scene, const exec::Workers* workers, bool surfaces)
     : scene_(scene),
-      area_(find_area_lights(scene)),
+      area_(find_area_lights(scene, surfaces)),
       power_share_(power_shares(area_)),
       table_(area_, power_share_) {
   if (!scene.sky_map.empty()) sky_.emplace(scene, workers);
@@ -51,14 +51,15 @@ math::Vec3 AreaLightSampler::Spherical::sample(math::Vec2 u) const {
 }
 
 AreaLightSampler::AreaLightSampler(const scene::Scene& scene, const AreaLight& light,
-                                   math::Vec3 from)
+                                   math::Vec3 from, Spread spread)
     : scene_(scene), light_(light), from_(from) {
   const float height = light.height_over(from);
   if (!light.shows_to(height)) return;
   height_ = height;
   // The offset goes to the receiver's side. It is at most a quarter of the receiver's height.
   move_off_ = std::copysign(std::min(light.clearance(from), std::abs(height) / 4), height);
-  if (LightSet::is_near(light, from, kNearRatio)) near_.emplace(light, from);
+  if (spread == Spread::kSolidAngle && LightSet::is_near(light, from, kNearRatio))
+    near_.emplace(light, from);
 }
 
 LightSample AreaLightSampler::sample(math::Vec2 u) const {

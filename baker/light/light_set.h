@@ -33,12 +33,18 @@ struct LightSample {
   ShadowRay shadow_ray(math::Vec3 origin) const { return {end - origin, 1}; }
 };
 
-/// An area light as one point sees it, ready to be sampled: uniform in solid angle when the light
-/// is near against its size (bounded: no 1/d2), uniform in area otherwise. Scene and light live
-/// longer.
+/// How the points of an area light are spread.
+enum class Spread {
+  kSolidAngle,  ///< evenly over its solid angle when it is near against its size: bounded, no 1/d2
+  kArea,        ///< evenly over its area
+};
+
+/// An area light as one point sees it, ready to be sampled. Where the spread is not even in solid
+/// angle it is so in area. Scene and light live longer.
 class AreaLightSampler {
  public:
-  AreaLightSampler(const scene::Scene&, const AreaLight&, math::Vec3 from);
+  AreaLightSampler(const scene::Scene&, const AreaLight&, math::Vec3 from,
+                   Spread = Spread::kSolidAngle);
 
   /// Returns a direction to a point of the light by the uniform pair `u`.
   LightSample sample(math::Vec2 u) const;
@@ -66,8 +72,10 @@ class AreaLightSampler {
 class LightSet {
  public:
   /// A large sky map is summed by the workers. When they are stopped, this ends early and must not
-  /// be used (see SkyLight).
-  explicit LightSet(const scene::Scene&, const exec::Workers* workers = nullptr);
+  /// be used (see SkyLight). @param surfaces false: the scene's emitting surfaces are left out,
+  /// since their texels send their light
+  explicit LightSet(const scene::Scene&, const exec::Workers* workers = nullptr,
+                    bool surfaces = true);
 
   const std::vector<AreaLight>& area() const { return area_; }
   const std::vector<scene::PunctualLight>& punctual() const { return scene_.lights; }
@@ -81,8 +89,9 @@ class LightSet {
   bool has_bright_sky() const { return sky_ && sky_->has_bright_parts(); }
   bool empty() const { return area_.empty() && scene_.lights.empty() && !scene_.has_sky(); }
 
-  AreaLightSampler sampler_from(math::Vec3 point, const AreaLight& light) const {
-    return {scene_, light, point};
+  AreaLightSampler sampler_from(math::Vec3 point, const AreaLight& light,
+                                Spread spread = Spread::kSolidAngle) const {
+    return {scene_, light, point, spread};
   }
   /// Returns whether the longest edge is more than `ratio` times the distance of the center.
   static bool is_near(const AreaLight&, math::Vec3 from, float ratio);

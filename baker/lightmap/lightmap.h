@@ -5,9 +5,9 @@
 #include <span>
 
 #include "baker/atlas/texture_group.h"
-#include "baker/lightmap/hit_plane.h"
 #include "baker/lightmap/plane.h"
 #include "baker/lightmap/planes.h"
+#include "baker/lightmap/word_plane.h"
 #include "baker/math/vec.h"
 
 namespace kiln::lightmap {
@@ -48,7 +48,11 @@ struct Lightmap {
   Plane<std::uint8_t> gathers;
   /// The texel that each direction met, or what else the ray met. Dropped once all bounces are
   /// there.
-  HitPlane hits;
+  WordPlane hits;
+  /// Bits for pairs of texels: whether they see each other. Dropped like the hits.
+  WordPlane seen;
+  /// The light that clamps took from the last bounce, lx.
+  Plane<float> clamped;
 
   Lightmap() = default;
   /// Makes a dark light. @param state the planes of a method's own
@@ -66,7 +70,9 @@ struct Lightmap {
     for (const PlaneSpec& plane : state) {
       if (plane.id == PlaneId::kRadiosity) radiosity = Plane<math::Rgb>(texels);
       if (plane.id == PlaneId::kGathers) gathers = Plane<std::uint8_t>(texels, 1);
-      if (plane.id == PlaneId::kHits) hits = HitPlane(texels, plane.words);
+      if (plane.id == PlaneId::kHits) hits = WordPlane(texels, plane.words);
+      if (plane.id == PlaneId::kSeen) seen = WordPlane(texels, plane.words);
+      if (plane.id == PlaneId::kClamped) clamped = Plane<float>(texels);
     }
   }
 
@@ -88,6 +94,7 @@ struct Lightmap {
     use(PlaneId::kDirectSamples, light.direct_samples), use(PlaneId::kSamples, light.samples);
     use(PlaneId::kDoublings, light.doublings), use(PlaneId::kRadiosity, light.radiosity);
     use(PlaneId::kGathers, light.gathers), use(PlaneId::kHits, light.hits);
+    use(PlaneId::kSeen, light.seen), use(PlaneId::kClamped, light.clamped);
   }
   template <class Light, class Use>
   static void for_planes(Light& light, const PlaneSet& some, const Use& use) {
@@ -112,10 +119,14 @@ struct Lightmap {
   void detach(const PlaneSet& some) {
     for_planes(*this, some, [](PlaneId, auto& plane) { plane.detach(); });
   }
+  /// Gives up the planes that copies share without a copy, see shared_planes().
+  void drop_shared() { hits.drop(), seen.drop(); }
+  bool has_shared() const { return hits.size() > 0 || seen.size() > 0; }
   /// Returns the light as it is shown, without what only later passes read.
   Lightmap shown() const {
     Lightmap light = *this;
-    light.radiosity = {}, light.gathers = {}, light.hits = {};
+    light.radiosity = {}, light.gathers = {}, light.clamped = {};
+    light.drop_shared();
     return light;
   }
 };
@@ -138,10 +149,10 @@ class LightmapView {
     T* first_ = nullptr;
     std::uint32_t begin_ = 0;
   };
-  class HitColumn {
+  class WordColumn {
    public:
-    HitColumn() = default;
-    HitColumn(std::uint32_t* first, std::uint32_t words, std::uint32_t begin)
+    WordColumn() = default;
+    WordColumn(std::uint32_t* first, std::uint32_t words, std::uint32_t begin)
         : first_(first), words_(words), begin_(begin) {}
     std::span<std::uint32_t> of(std::uint32_t texel) const {
       assert(first_ && texel >= begin_);
@@ -169,15 +180,18 @@ class LightmapView {
     open(PlaneId::kSamples, to.samples, samples);
     open(PlaneId::kRadiosity, to.radiosity, radiosity),
         open(PlaneId::kGathers, to.gathers, gathers);
+    open(PlaneId::kClamped, to.clamped, clamped);
     if (contains(writes, PlaneId::kHits))
-      hits = HitColumn(to.hits.data(), to.hits.words_per_texel(), begin);
+      hits = WordColumn(to.hits.data(), to.hits.words_per_texel(), begin);
+    if (contains(writes, PlaneId::kSeen))
+      seen = WordColumn(to.seen.data(), to.seen.words_per_texel(), begin);
   }
 
   Column<math::Rgb> direct, sky, indirect, radiosity;
-  Column<float> validity, direct_difference, sky_difference, indirect_difference;
+  Column<float> validity, direct_difference, sky_difference, indirect_difference, clamped;
   Column<std::uint32_t> direct_samples, samples;
   Column<std::uint8_t> gathers;
-  HitColumn hits;
+  WordColumn hits, seen;
 };
 
 }  // namespace kiln::lightmap

@@ -23,6 +23,8 @@ enum class PlaneId : std::uint8_t {
   kRadiosity,
   kGathers,
   kHits,
+  kSeen,
+  kClamped,
   kCount
 };
 
@@ -41,14 +43,14 @@ inline bool contains(const PlaneSet& set, PlaneId id) {
 /// A plane that a method needs beside those of every light.
 struct PlaneSpec {
   PlaneId id;
-  std::uint32_t words = 1;  ///< values per texel; more than one in kHits only
+  std::uint32_t words = 1;  ///< values per texel; more than one in kHits and kSeen only
 };
 
-/// Returns the planes whose values passes share without a copy, see HitPlane. A pass that writes
+/// Returns the planes whose values passes share without a copy, see WordPlane. A pass that writes
 /// one waits until no reader of the light before it is left, and a checkpoint stores them in a file
 /// of their own.
 inline PlaneSet shared_planes() {
-  return plane_set({PlaneId::kHits});
+  return plane_set({PlaneId::kHits, PlaneId::kSeen});
 }
 
 }  // namespace kiln::lightmap

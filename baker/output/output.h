@@ -18,6 +18,7 @@
 #include "baker/image/page_image.h"
 #include "baker/lightmap/lightmap.h"
 #include "baker/output/post.h"
+#include "baker/output/report.h"
 #include "baker/scene/scene.h"
 #include "proto/bake_settings.h"
 #include "proto/expected.h"
@@ -44,12 +45,17 @@ struct OutputInput {
   const atlas::TextureGroup& texels;
   const lightmap::Lightmap& light;
   const denoise::FilteredLight& filtered;
+  Reference reference = {};  ///< of the report; without a page there is no report
+  /// By name, the values of those layers of the settings that have none of their own, see
+  /// Layer::value. They are called from many threads.
+  std::map<std::string, TexelValue> made = {};
 };
 /// Writes all files that the settings ask for into `dir`. Each is written as a temporary that is
 /// flushed, then renamed when it is whole; the files of a page are written at the same time. Fills
 /// pages, nodes, files and warnings of `manifest`, whose other members must be set before.
-/// manifest.json comes last and lists all files but itself; `manifest` lists it too. A page over
-/// 60,000 lx is written as float, with the warning `half_overflow`. Errors: `internal` (a value
+/// manifest.json comes last and lists all files but itself; `manifest` lists it too. With PNG each
+/// layer but the irradiance has a picture page_NN.LAYER.png (picture.h). A page with a value over
+/// 60,000 is written as float, with the warning `half_overflow`. Errors: `internal` (a value
 /// that is not finite, with its texel), `io_error`, `canceled`.
 proto::Expected<void> write_outputs(const std::filesystem::path& dir, const OutputInput&,
                                     const proto::BakeSettings&, proto::Manifest& manifest,

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <stop_token>
 #include <vector>
 
@@ -26,26 +27,24 @@ image::PageImage compose_page(const atlas::TextureGroup&, std::uint32_t page,
 /// the tone curve. Where that percentile is black it brings the maximum there. A black page gets 1.
 float automatic_exposure(const image::PageImage&);
 
-/// Returns sRGB-encoded 8-bit RGB of exposure * value, mapped by x/(1+x), extended so that 4 maps
-/// to white.
-std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, float exposure);
-
-/// Error figures between two images of one size. They cover the three channels of all texels that
-/// are lit (coverage > 0) in both images; r = reference, d = candidate - r.
-struct CompareResult {
-  std::uint64_t texels = 0;     ///< lit in both
-  std::uint64_t uncovered = 0;  ///< lit in the reference only
-  std::uint64_t nonfinite = 0;  ///< candidate texels with a NaN or an infinity: such a channel is 0
-  double mean_reference = 0;    ///< mean r
-  double rmse = 0;              ///< sqrt(mean d^2)
-  double nrmse = 0;             ///< rmse / mean r; 0 where mean r is 0
-  double rel_rmse = 0;          ///< sqrt(mean (d / (r + 0.02 mean r))^2): weights dark texels
-  double bias = 0;              ///< mean d / mean r; 0 where mean r is 0
-  double max_abs = 0;           ///< max |d|
-  double dfpr = 0;              ///< mean Euclidean RGB distance per texel [RTRad eq. 6.1]
+/// The way from light to 8-bit colors.
+struct Tone {
+  float exposure = 1;  ///< x = exposure * value
+  /// Null: the sRGB code of x (1 + x/16) / (1 + x), which maps 4 to white. Otherwise the code
+  /// 255 x / (k + x) [Moreno-Fortuny 4.4.2], which maps 1 to 1 / (1 + k).
+  std::optional<float> k = {};
 };
-/// Compares two images. It sums in double precision, in row order. It throws when the sizes differ,
-/// which is a bug of the caller.
-CompareResult compare(const image::PageImage& reference, const image::PageImage& candidate);
+
+/// Returns the tone of an image: an exposure that is given; or the curve k, at an exposure that
+/// takes the brightest channel of all lit texels to 1 (a black image: at 1); or an automatic
+/// exposure.
+Tone tone_of(const image::PageImage&, std::optional<float> exposure, std::optional<float> k);
+
+std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage&, Tone);
+
+/// Returns the sRGB code of a linear value in 0..1; values outside are clamped, NaN is 0.
+std::uint8_t encode_srgb(float linear);
+/// Returns 255 v, rounded; values outside of 0..1 are clamped, NaN is 0.
+std::uint8_t plain_code(float v);
 
 }  // namespace kiln::output

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include "baker/output/post.h"
 
@@ -16,10 +17,10 @@ float curve(float x) {
   return x * (1 + x / (kWhite * kWhite)) / (1 + x);
 }
 
-std::uint8_t encode_srgb(float linear) {
-  const float c =
-      linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
-  return static_cast<std::uint8_t>(std::clamp(c * 255 + 0.5f, 0.f, 255.f));
+/// The curve of Moreno-Fortuny 4.4.2.
+float hyperbola(float x, float k) {
+  if (!(x > 0)) return 0;  // NaN too
+  return x < std::numeric_limits<float>::max() ? x / (k + x) : 1;
 }
 
 std::vector<float> lit_luminance(const image::PageImage& image) {
@@ -33,6 +34,18 @@ std::vector<float> lit_luminance(const image::PageImage& image) {
 
 }  // namespace
 
+std::uint8_t plain_code(float v) {
+  if (!(v > 0)) return 0;  // NaN too
+  return static_cast<std::uint8_t>(std::min(v, 1.f) * 255 + 0.5f);
+}
+
+std::uint8_t encode_srgb(float linear) {
+  if (!(linear > 0)) return 0;  // NaN too
+  const float c =
+      linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
+  return static_cast<std::uint8_t>(std::clamp(c * 255 + 0.5f, 0.f, 255.f));
+}
+
 float automatic_exposure(const image::PageImage& image) {
   std::vector<float> lit = lit_luminance(image);
   if (lit.empty()) return 1;
@@ -45,11 +58,25 @@ float automatic_exposure(const image::PageImage& image) {
   return level > 0 && std::isfinite(exposure) ? exposure : 1;
 }
 
-std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage& image, float exposure) {
+Tone tone_of(const image::PageImage& image, std::optional<float> exposure, std::optional<float> k) {
+  if (exposure) return {*exposure};
+  if (!k) return {automatic_exposure(image)};
+  float most = 0;
+  for (std::size_t i = 0; i < image.rgb.size(); ++i)
+    if (image.coverage[i] > 0 && std::isfinite(max_channel(image.rgb[i])))
+      most = std::max(most, max_channel(image.rgb[i]));
+  const float scale = 1 / most;
+  return {most > 0 && std::isfinite(scale) ? scale : 1, k};
+}
+
+std::vector<std::array<std::uint8_t, 3>> tone_map(const image::PageImage& image, Tone tone) {
+  const auto code = [k = tone.k](float x) {
+    return k ? plain_code(hyperbola(x, *k)) : encode_srgb(curve(x));
+  };
   std::vector<std::array<std::uint8_t, 3>> out(image.rgb.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const math::Rgb v = image.rgb[i] * exposure;
-    out[i] = {encode_srgb(curve(v.r)), encode_srgb(curve(v.g)), encode_srgb(curve(v.b))};
+    const math::Rgb v = image.rgb[i] * tone.exposure;
+    out[i] = {code(v.r), code(v.g), code(v.b)};
   }
   return out;
 }

@@ -18,21 +18,24 @@ using proto::fail;
 using proto::Unexpected;
 
 /// A page with a larger value is written as float, since half floats end at 65,504.
-constexpr float kHalfLimitLx = 60'000;
+constexpr float kHalfLimit = 60'000;
 
 bool contains(const std::vector<std::string>& list, std::string_view item) {
   return std::find(list.begin(), list.end(), item) != list.end();
 }
 
-std::string page_name(std::uint32_t page, const char* extension) {
+std::string page_name(std::uint32_t page, const std::string& extension) {
   const std::string digits = std::to_string(page);
   return std::string("page_").append(digits.size() < 2 ? "0" : "").append(digits).append(extension);
 }
 
 /// A layer of this bake's pages.
 struct PageLayer {
-  std::string name;
+  const Layer* layer;
   TexelValue value;
+  ValueRange range;  ///< over the texels of all pages, where its pictures need that
+
+  bool is_irradiance() const { return layer == &layers().front(); }
 };
 
 /// Writes the files of one bake and fills the manifest on the way.
@@ -56,6 +59,7 @@ class Writer {
       if (auto ok = write_page(p); !ok) return ok;
     fill_nodes();
     if (auto ok = write_lit_scene(); !ok) return ok;
+    if (auto ok = write_report(); !ok) return ok;
     return write_manifest();
   }
 
@@ -64,9 +68,24 @@ class Writer {
     for (const std::string& name : settings_.output.layers) {
       const Layer* layer = find_layer(name);
       if (!layer) return proto::fail("internal", "There is no layer '" + name + "'.");
-      layers_.push_back({name, layer->value(in_)});
+      auto value = values_of(*layer, in_);
+      if (!value) return Unexpected(value.error());
+      layers_.push_back({layer, std::move(*value), {}});
+      if (auto ok = measure(layers_.back()); !ok) return ok;
     }
     irradiance_ = layers().front().value(in_);
+    return {};
+  }
+
+  proto::Expected<void> measure(PageLayer& layer) const {
+    const Shown shown = layer.layer->shown;
+    if (shown != Shown::kOverMaximum && shown != Shown::kWithinBounds) return {};
+    if (!contains(settings_.output.formats, "png")) return {};
+    exec::StopPoll stopped(stop_);
+    for (std::uint32_t t = 0; t < in_.texels.front_count; ++t) {
+      if (stopped()) return exec::canceled();
+      layer.range.add(layer.value(t));
+    }
     return {};
   }
 
@@ -85,26 +104,40 @@ class Writer {
     const image::PageImage irradiance = compose(p, irradiance_);
     auto info = look_at(p, irradiance);
     if (!info) return Unexpected(info.error());
-    const float exposure =
-        settings_.output.exposure ? *settings_.output.exposure : automatic_exposure(irradiance);
+    const Tone tone = tone_of(irradiance, settings_.output.exposure, settings_.output.tone_curve);
 
+    auto images = compose_layers(p);
+    if (!images) return Unexpected(images.error());
     PageFiles made;
+    made.layer_previews.resize(layers_.size());
     std::vector<std::function<proto::Expected<void>()>> tasks;
     if (contains(settings_.output.formats, "exr")) {
       info->exr = page_name(p, ".exr");
-      tasks.push_back([&] { return write_page_exr(p, irradiance, info->exr, made); });
+      tasks.push_back([&] { return write_page_exr(p, irradiance, *images, info->exr, made); });
     }
     if (contains(settings_.output.formats, "png")) {
       info->preview = page_name(p, ".png");
-      info->preview_exposure = exposure;
-      tasks.push_back([&] { return write_preview(irradiance, *info, made); });
+      info->preview_exposure = tone.exposure;
+      tasks.push_back([&] {
+        return write_picture(info->preview, irradiance, Shown::kPageLight, tone, {}, made.preview);
+      });
+      for (std::size_t i = 0; i < layers_.size(); ++i)
+        if (!layers_[i].is_irradiance())
+          tasks.push_back([&, i] {
+            return write_layer_preview(p, layers_[i], (*images)[i], tone, made.layer_previews[i]);
+          });
     }
     if (contains(settings_.output.formats, "glb"))
-      tasks.push_back([&] { return make_lit_page(irradiance, info->exr, exposure, made); });
+      tasks.push_back([&] {
+        const Tone usual = tone_of(irradiance, settings_.output.exposure, {});
+        return make_lit_page(irradiance, info->exr, usual.exposure, made);
+      });
     if (auto ok = run(tasks); !ok) return ok;
 
     for (auto* file : {&made.exr, &made.preview})
       if (*file) manifest_.files.push_back(std::move(**file));
+    for (auto& file : made.layer_previews)
+      if (file) manifest_.files.push_back(std::move(*file));
     if (made.lit) lit_pages_.push_back(std::move(*made.lit));
     if (made.warning) manifest_.warnings.push_back(std::move(*made.warning));
     manifest_.pages.push_back(std::move(*info));
@@ -134,6 +167,7 @@ class Writer {
   /// The results of one page's tasks. Each task writes its own members.
   struct PageFiles {
     std::optional<proto::ResultFile> exr, preview;
+    std::vector<std::optional<proto::ResultFile>> layer_previews;  ///< parallel to layers_
     std::optional<LitPage> lit;
     std::optional<proto::Warning> warning;
   };
@@ -149,25 +183,44 @@ class Writer {
     return {};
   }
 
+  /// Returns an image for each layer, but an empty one for the irradiance, which is there already.
+  /// There is none at all when no file shows them.
+  proto::Expected<std::vector<image::PageImage>> compose_layers(std::uint32_t p) {
+    std::vector<image::PageImage> images(layers_.size());
+    if (!contains(settings_.output.formats, "exr") && !contains(settings_.output.formats, "png"))
+      return images;
+    std::vector<std::function<proto::Expected<void>()>> tasks;
+    for (std::size_t i = 0; i < layers_.size(); ++i)
+      if (!layers_[i].is_irradiance())
+        tasks.push_back([this, p, i, &images]() -> proto::Expected<void> {
+          images[i] = compose(p, layers_[i].value);
+          return {};
+        });
+    if (auto ok = run(tasks); !ok) return Unexpected(ok.error());
+    return images;
+  }
+
   proto::Expected<void> write_page_exr(std::uint32_t p, const image::PageImage& irradiance,
+                                       std::span<const image::PageImage> images,
                                        const std::string& name, PageFiles& made) const {
-    std::vector<image::PageImage> images;  // the other layers' images
-    images.reserve(layers_.size());
     std::vector<image::ExrLayer> named;
-    float max = 0;
-    for (const PageLayer& layer : layers_) {
-      const image::PageImage* image = &irradiance;
-      if (layer.name != layers().front().name)
-        image = &images.emplace_back(compose(p, layer.value));
-      named.push_back({layer.name, image});
-      for (const math::Rgb v : image->rgb) max = std::max(max, max_channel(v));
+    float most = 0;
+    const char* most_layer = "";
+    for (std::size_t i = 0; i < layers_.size(); ++i) {
+      const image::PageImage& image = layers_[i].is_irradiance() ? irradiance : images[i];
+      named.push_back({layers_[i].layer->name, &image});
+      for (const math::Rgb v : image.rgb) {
+        const float size = std::max({std::abs(v.r), std::abs(v.g), std::abs(v.b)});
+        if (size > most) most = size, most_layer = layers_[i].layer->name;
+      }
     }
     proto::Precision precision = settings_.output.precision;
-    if (precision == proto::Precision::kHalf && max > kHalfLimitLx) {
+    if (precision == proto::Precision::kHalf && most > kHalfLimit) {
       precision = proto::Precision::kFloat;
       made.warning = {"half_overflow", "",
-                      name + " is written as float: it holds " + std::to_string(std::lround(max)) +
-                          " lx, and half precision ends at 65,504"};
+                      name + " is written as float: its layer " + most_layer + " holds " +
+                          std::to_string(std::llround(most)) +
+                          ", and half precision ends at 65,504"};
     }
     const auto metadata = exr_metadata(p);
     if (auto ok = proto::write_whole(dir_ / name,
@@ -183,7 +236,8 @@ class Writer {
   std::vector<std::pair<std::string, std::string>> exr_metadata(std::uint32_t page) const {
     const auto& solver = settings_.solver;
     std::string layers;
-    for (const PageLayer& layer : layers_) layers += (layers.empty() ? "" : ",") + layer.name;
+    for (const PageLayer& layer : layers_)
+      layers.append(layers.empty() ? "" : ",").append(layer.layer->name);
     return {
         {"lightkiln:version", manifest_.version},
         {"lightkiln:units", "lux"},
@@ -201,13 +255,23 @@ class Writer {
     };
   }
 
-  proto::Expected<void> write_preview(const image::PageImage& image, const proto::PageInfo& info,
-                                      PageFiles& made) const {
-    const auto png =
-        image::encode_png(tone_map(image, info.preview_exposure), image.width, image.height);
+  proto::Expected<void> write_picture(const std::string& name, const image::PageImage& image,
+                                      Shown shown, Tone tone, const ValueRange& range,
+                                      std::optional<proto::ResultFile>& file) const {
+    const auto png = image::encode_png(show(image, shown, tone, range), image.width, image.height);
     if (!png) return Unexpected(png.error());
-    if (auto ok = proto::write_bytes(dir_ / info.preview, *png); !ok) return ok;
-    return digest(info.preview, "image/png", made.preview);
+    if (auto ok = proto::write_bytes(dir_ / name, *png); !ok) return ok;
+    return digest(name, "image/png", file);
+  }
+
+  proto::Expected<void> write_layer_preview(std::uint32_t p, const PageLayer& layer,
+                                            const image::PageImage& image, Tone page_tone,
+                                            std::optional<proto::ResultFile>& file) const {
+    const Shown shown = layer.layer->shown;
+    const Tone tone =
+        shown == Shown::kOwnLight ? tone_of(image, {}, settings_.output.tone_curve) : page_tone;
+    const std::string name = page_name(p, std::string(".") + layer.layer->name + ".png");
+    return write_picture(name, image, shown, tone, layer.range, file);
   }
 
   static proto::Expected<void> make_lit_page(const image::PageImage& image, const std::string& exr,
@@ -250,6 +314,17 @@ class Writer {
         !ok)
       return ok;
     return add_file("lit.glb", "model/gltf-binary");
+  }
+
+  proto::Expected<void> write_report() {
+    if (!in_.reference.page) return {};
+    const auto files = output::write_report(
+        dir_, in_.reference, std::uint32_t(in_.texels.pages.size()),
+        [&](std::uint32_t page) { return compose(page, irradiance_); }, settings_.report, stop_);
+    if (!files) return Unexpected(files.error());
+    for (const ReportFile& file : *files)
+      if (auto ok = add_file(file.name, file.media_type); !ok) return ok;
+    return {};
   }
 
   /// Writes manifest.json. It cannot hold its own hash, so it lists the other files, and only the

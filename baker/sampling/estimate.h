@@ -26,6 +26,8 @@ struct Estimate {
 /// was measured: a = 0.65, at the lower end of what gathers and samples of many lights have, and
 /// 0.75 for the visible share of one lamp.
 inline constexpr float kNetCorrection = 0.827f, kPolygonNetCorrection = 0.740f;
+/// The same for a HemisphereSet, of a disc and of a hemicube, as measured.
+inline constexpr float kDiscCorrection = 0.80f, kHemicubeCorrection = 0.69f;
 
 /// Sums over two halves of the samples, each of which estimates half of what arrives.
 struct HalfSums {

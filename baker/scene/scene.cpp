@@ -112,6 +112,13 @@ math::Rgb emission_at(const Scene& scene, std::uint32_t triangle, Bary t) {
                              interpolate_uv(scene.emission_uv, scene.triangles[triangle], t));
 }
 
+std::uint64_t memory_bytes(const Scene& s) {
+  const auto bytes = [](const auto& v) { return std::uint64_t{v.size()} * sizeof(v[0]); };
+  return bytes(s.positions) + bytes(s.normals) + bytes(s.base_uv) + bytes(s.emission_uv) +
+         bytes(s.lightmap_uv) + bytes(s.colors) + bytes(s.source_vertex) + bytes(s.triangles) +
+         bytes(s.triangle_part) + bytes(s.image_texels);
+}
+
 bool is_emissive(const Scene& scene, std::uint32_t triangle) {
   return !is_black(scene.material_of(triangle).emission);
 }

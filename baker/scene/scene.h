@@ -76,6 +76,18 @@ struct PunctualLight {
   float cos_inner = 1, cos_outer = 0;  ///< spot cone
 };
 
+/// A camera of the glTF, in world space. A picture's own size says how wide it is.
+struct Camera {
+  static constexpr std::size_t kMost = 256;       ///< cameras of a scene
+  static constexpr std::size_t kNameBytes = 260;  ///< at most, of a name
+
+  std::string name;                           ///< the node's name, or else the camera's
+  math::Vec3 position;                        ///< m
+  math::Vec3 forward{0, 0, -1}, up{0, 1, 0};  ///< unit, as far as rounding goes perpendicular
+  bool orthographic = false;
+  float half_height = 1;  ///< of the picture, m; of a perspective one at a distance of 1 m
+};
+
 /// A one-sided emitting rectangle that is not part of the geometry: it lights the scene, but no ray
 /// hits it.
 struct RectLight {
@@ -130,6 +142,7 @@ struct Scene {
   math::Rgb sky;   ///< cd/m2, the same in every direction
   SkyMap sky_map;  ///< it adds to `sky`
 
+  std::vector<Camera> cameras;           ///< no light depends on them
   std::vector<proto::Warning> warnings;  ///< what the import ignored or changed
 
   const Material& material_of(std::uint32_t triangle) const {
@@ -137,6 +150,9 @@ struct Scene {
   }
   bool has_sky() const { return !is_black(sky) || !sky_map.empty(); }
 };
+
+/// Returns the memory that a scene's arrays take, but for those of its sky map. Bytes.
+std::uint64_t memory_bytes(const Scene&);
 
 /// A point on a triangle: p = (1-u-v)*p0 + u*p1 + v*p2, as Embree reports hits.
 struct Bary {

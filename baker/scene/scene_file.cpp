@@ -38,6 +38,7 @@ struct Records {
   std::vector<ImageRecord> images;
   std::vector<SkyRecord> sky;
   std::vector<LightRecord> lights;
+  std::vector<CameraRecord> cameras;
   std::vector<WarningRecord> warnings;
   std::string text;
 
@@ -54,6 +55,9 @@ struct Records {
     for (const PunctualLight& l : scene.lights)
       lights.push_back({std::uint32_t(l.type), l.intensity, l.position, l.direction, l.range,
                         l.cos_inner, l.cos_outer});
+    for (const Camera& c : scene.cameras)
+      cameras.push_back(
+          {append(text, c.name), c.orthographic, c.position, c.forward, c.up, c.half_height});
     for (const proto::Warning& w : scene.warnings) {
       const std::uint32_t code = append(text, w.code), pointer = append(text, w.pointer);
       warnings.push_back({code, pointer, append(text, w.message)});
@@ -74,7 +78,8 @@ proto::Expected<void> write_scene_file(int fd, const std::string& key, const Sce
       files::flat_section(records.materials),    files::flat_section(records.images),
       files::flat_section(scene.image_texels),   files::flat_section(records.sky),
       files::flat_section(scene.sky_map.texels), files::flat_section(records.lights),
-      files::flat_section(records.warnings),     files::FlatSection{1, records.text}};
+      files::flat_section(records.cameras),      files::flat_section(records.warnings),
+      files::FlatSection{1, records.text}};
   return write_flat(fd, header_of(key), sections);
 }
 

@@ -23,7 +23,7 @@ namespace kiln::scene {
 
 /// The version of the layout and of the import's results. Raise it when the layout changes or when
 /// an import makes something else of the same bytes. Every import key contains it.
-inline constexpr std::uint32_t kSceneFileVersion = 4;
+inline constexpr std::uint32_t kSceneFileVersion = 5;
 
 /// Writes the file from the descriptor's current offset on. The same scene and key give the same
 /// bytes. Errors: `storage_full`, `io_error`.

@@ -34,7 +34,7 @@ class Reader {
   proto::Expected<Scene> read() {
     for (const auto step : {&Reader::copy_arrays, &Reader::read_materials, &Reader::read_instances,
                             &Reader::read_vertices, &Reader::read_triangles, &Reader::read_sky,
-                            &Reader::read_lights, &Reader::read_warnings})
+                            &Reader::read_lights, &Reader::read_cameras, &Reader::read_warnings})
       if (auto ok = (this->*step)(); !ok) return proto::Unexpected(ok.error());
     if (text_at_ != file_.bytes(kText).size())
       return files::bad_flat_file("it holds text that no record uses");
@@ -201,6 +201,25 @@ class Reader {
         return bad("a light");
       scene_.lights.push_back({PunctualType(r.type), r.intensity, r.position, r.direction, r.range,
                                r.cos_inner, r.cos_outer});
+    }
+    return {};
+  }
+
+  proto::Expected<void> read_cameras() {
+    const auto records = file_.records<CameraRecord>(kCameras);
+    if (records.size() > Camera::kMost) return bad("the cameras");
+    for (const CameraRecord& r : records) {
+      Camera c;
+      if (r.name_bytes > Camera::kNameBytes || r.orthographic > 1 || !is_finite(r.position) ||
+          !is_direction(r.forward) || !is_direction(r.up) || !(r.half_height > 0) ||
+          !std::isfinite(r.half_height) || !read_text(r.name_bytes, c.name))
+        return bad("a camera");
+      c.position = r.position;
+      c.forward = r.forward;
+      c.up = r.up;
+      c.orthographic = r.orthographic != 0;
+      c.half_height = r.half_height;
+      scene_.cameras.push_back(std::move(c));
     }
     return {};
   }

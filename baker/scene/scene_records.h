@@ -42,6 +42,11 @@ struct LightRecord {
   math::Vec3 position, direction;
   float range, cos_inner, cos_outer;
 };
+struct CameraRecord {
+  std::uint32_t name_bytes, orthographic;
+  math::Vec3 position, forward, up;
+  float half_height;
+};
 struct WarningRecord {
   std::uint32_t code_bytes, pointer_bytes, message_bytes;
 };
@@ -66,16 +71,30 @@ enum Section : std::size_t {
   kSky,  ///< none or one
   kSkyTexels,
   kLights,
+  kCameras,
   kWarnings,
-  kText,  ///< the names of instances, then the code, pointer and message of each warning
+  /// The names of instances, those of cameras, then the code, pointer and message of each warning.
+  kText,
 };
-inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{
-    sizeof(math::Vec3),     sizeof(math::Vec3),     sizeof(math::Vec2),
-    sizeof(math::Vec2),     sizeof(math::Vec2),     sizeof(Color),
-    sizeof(std::uint32_t),  sizeof(Triangle),       sizeof(PartRecord),
-    sizeof(InstanceRecord), sizeof(MaterialRecord), sizeof(ImageRecord),
-    sizeof(Texel),          sizeof(SkyRecord),      sizeof(math::Rgb),
-    sizeof(LightRecord),    sizeof(WarningRecord),  1};
+inline constexpr std::array<std::uint32_t, kText + 1> kRecordBytes{sizeof(math::Vec3),
+                                                                   sizeof(math::Vec3),
+                                                                   sizeof(math::Vec2),
+                                                                   sizeof(math::Vec2),
+                                                                   sizeof(math::Vec2),
+                                                                   sizeof(Color),
+                                                                   sizeof(std::uint32_t),
+                                                                   sizeof(Triangle),
+                                                                   sizeof(PartRecord),
+                                                                   sizeof(InstanceRecord),
+                                                                   sizeof(MaterialRecord),
+                                                                   sizeof(ImageRecord),
+                                                                   sizeof(Texel),
+                                                                   sizeof(SkyRecord),
+                                                                   sizeof(math::Rgb),
+                                                                   sizeof(LightRecord),
+                                                                   sizeof(CameraRecord),
+                                                                   sizeof(WarningRecord),
+                                                                   1};
 
 inline files::FlatHeader header_of(const std::string& key) {
   return {files::FlatKind::kScene, kSceneFileVersion, key};

@@ -48,6 +48,7 @@ simd::PointFrames Footprint::frames() const {
 
 std::uint32_t texel_seed(const World& in, std::uint32_t texel, SampleStream stream) {
   const std::uint64_t seed = in.settings.seed;
+  if (in.settings.same_directions) texel = 0;
   return sampling::hash(sampling::hash(std::uint32_t(seed), std::uint32_t(seed >> 32)), texel,
                         static_cast<std::uint32_t>(stream));
 }

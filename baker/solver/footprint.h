@@ -30,9 +30,19 @@ struct Footprint {
   }
 };
 
+/// Names a stream of samples.
+enum class SampleStream : std::uint32_t {
+  kDirect = 1,
+  kGather = 2,
+  kPath = 3,
+  kGatherTile = 4,
+  kSky = 5,
+  kIterations = 6,
+  kDirectional = 7,
+  kLinks = 8
+};
 /// Returns the key of all random numbers of one texel (or tile, for kGatherTile), for one stream of
-/// samples.
-enum class SampleStream : std::uint32_t { kDirect = 1, kGather = 2, kPath = 3, kGatherTile = 4 };
+/// samples. With `solver.same_directions` all texels have the same.
 std::uint32_t texel_seed(const World&, std::uint32_t texel, SampleStream);
 /// A seed is hashed with this for the directions that are drawn from the bright parts of the sky.
 inline constexpr std::uint32_t kSkyDraws = 0x736b79;

@@ -13,7 +13,9 @@ lightmap::Lightmap cut_out(const lightmap::Lightmap& light, atlas::TexelRange ra
                            const lightmap::PlaneSet& some) {
   std::vector<lightmap::PlaneSpec> state;
   if (light.hits.size() > 0) state.push_back({PlaneId::kHits, light.hits.words_per_texel()});
-  for (const PlaneId id : {PlaneId::kRadiosity, PlaneId::kGathers}) state.push_back({id});
+  if (light.seen.size() > 0) state.push_back({PlaneId::kSeen, light.seen.words_per_texel()});
+  for (const PlaneId id : {PlaneId::kRadiosity, PlaneId::kGathers, PlaneId::kClamped})
+    state.push_back({id});
   lightmap::Lightmap cut(range.size(), state);
   std::vector<std::span<const std::byte>> from;
   lightmap::Lightmap::for_planes(light, some, [&](PlaneId, const auto& plane) {

@@ -20,6 +20,8 @@ constexpr std::uint32_t kFirstOfMany = 16;
 constexpr float kFinestCoarseTarget = 0.008f;
 /// The samples per texel of a method without a target, when the settings don't say how many.
 constexpr std::uint32_t kFixedSamples = 256;
+/// The limits of a method that iterates [Moreno-Fortuny 5.2].
+constexpr std::uint32_t kIterations = 800, kDirectIterations = 200;
 
 /// The samples at first of both plans.
 SamplePlan first_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
@@ -50,6 +52,17 @@ SamplePlan fixed_plan(const proto::SolverSettings& solver, const proto::QualityS
                       bool many_lights) {
   SamplePlan plan = first_plan(solver, quality, many_lights);
   plan.directions = plan.most_directions = solver.samples.value_or(kFixedSamples);
+  return plan;
+}
+
+SamplePlan iterated_plan(const proto::SolverSettings& solver, const proto::QualitySettings& quality,
+                         bool) {
+  SamplePlan plan;
+  plan.directions = plan.most_directions = solver.samples.value_or(kIterations);
+  plan.shadow_rays = plan.most_shadow_rays = solver.direct_samples.value_or(kDirectIterations);
+  plan.target_error = quality.target_error.value_or(0.f);
+  plan.measure = quality.measure;
+  plan.coarse = false;
   return plan;
 }
 

@@ -41,5 +41,9 @@ SamplePlan adaptive_plan(const proto::SolverSettings&, const proto::QualitySetti
 /// Returns the plan of a method that takes as many as the settings say, or 256.
 SamplePlan fixed_plan(const proto::SolverSettings&, const proto::QualitySettings&,
                       bool many_lights);
+/// Returns the plan of a method that iterates until limits, 800 directions and 200 shadow rays
+/// where the settings say nothing, or until a target error that the settings name themselves.
+SamplePlan iterated_plan(const proto::SolverSettings&, const proto::QualitySettings&,
+                         bool many_lights);
 
 }  // namespace kiln::solver

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "baker/lightmap/lightmap.h"
 #include "baker/lightmap/planes.h"
 #include "baker/solver/pass.h"
 #include "baker/solver/work.h"
@@ -41,6 +42,11 @@ class Solver {
   virtual Forecast forecast() const = 0;
   /// Returns how many samples the passes before the first round take, and how many rounds may add.
   virtual const SamplePlan& samples() const = 0;
+  /// Returns what a reader of the result should know of the light after these passes.
+  virtual std::vector<proto::Warning> remarks(std::span<const proto::PassReport> /*done*/,
+                                              const lightmap::Lightmap& /*light*/) const {
+    return {};
+  }
   /// Returns how gathered rays are put into packets, see PacketLayout; empty when none are.
   virtual std::string ray_pattern() const { return {}; }
 };

@@ -3,6 +3,7 @@
 #include <embree3/rtcore.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <limits>
 #include <stdexcept>
@@ -14,6 +15,12 @@ namespace {
 /// The build calls this now and then; returning false ends it.
 bool keep_building(void* stop, double) {
   return !static_cast<std::stop_token*>(stop)->stop_requested();
+}
+
+/// Embree calls this with what it takes, and below 0 with what it gives back.
+bool count_bytes(void* bytes, ssize_t more, bool) {
+  *static_cast<std::atomic<std::int64_t>*>(bytes) += more;
+  return true;
 }
 
 struct LaneMask {
@@ -48,6 +55,7 @@ RTCIntersectContext make_context(bool coherent) {
 }  // namespace
 
 struct RayScene::Impl {
+  std::atomic<std::int64_t> bytes{0};  ///< that the device holds; it outlives the device
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
   float min_offset = 0;  ///< m
@@ -77,6 +85,7 @@ proto::Expected<RayScene> RayScene::build(const scene::Scene& scene, std::stop_t
   // One thread: jobs build side by side on the pool's threads, not on a second pool behind it.
   impl->device = rtcNewDevice("threads=1");
   if (!impl->device) throw std::runtime_error("Embree gave no device");
+  rtcSetDeviceMemoryMonitorFunction(impl->device, count_bytes, &impl->bytes);
   impl->scene = rtcNewScene(impl->device);
   rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
   const RTCGeometry mesh = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -147,11 +156,23 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   return blocked & rays.active;
 }
 
+std::uint64_t RayScene::memory_bytes() const {
+  return std::uint64_t(std::max<std::int64_t>(impl_->bytes, 0));
+}
+
+std::uint64_t RayScene::build_bytes(const scene::Scene& scene) {
+  constexpr std::uint64_t kVertex = 12, kTriangle = 300, kLeast = std::uint64_t{1} << 20;
+  return kLeast + scene.positions.size() * kVertex + scene.triangles.size() * kTriangle;
+}
+
+float RayScene::offset(math::Vec3 position) const {
+  // Below 8 ulp surfaces shadow themselves, and beyond a fiftieth of a texel contact shadows leak.
+  return std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+}
+
 math::Vec3 RayScene::offset_origin(math::Vec3 position, math::Vec3 geometric_normal,
                                    math::Vec3 centroid) const {
-  // About 32 ulp of the largest coordinate: below 8 ulp surfaces shadow themselves, and beyond a
-  // fiftieth of a texel contact shadows leak.
-  const float offset = std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+  const float offset = this->offset(position);
   const math::Vec3 inwards = centroid - position;
   const float to_centroid = length(inwards);
   const float share = to_centroid > offset ? offset / to_centroid : 1.f;

@@ -43,6 +43,15 @@ class RayScene {
   /// Bit i is set when anything, seen from either side, lies on ray i before t_far.
   std::uint32_t occluded(const RayPacket&, bool coherent = false) const;
 
+  /// Returns the memory that Embree holds for the scene: its tree, and its copies of vertices and
+  /// triangles. Bytes.
+  std::uint64_t memory_bytes() const;
+  /// Returns at least as much as a build takes at its peak, beside the scene itself. Bytes.
+  static std::uint64_t build_bytes(const scene::Scene&);
+
+  /// Returns the distance, m, by which rays that begin at a point keep off its surface: about 32
+  /// ulp of the largest coordinate.
+  float offset(math::Vec3 position) const;
   /// `position`, a point of a triangle, moved off the surface along `geometric_normal` far enough
   /// that rays don't meet the triangle they start on, and as far towards the triangle's `centroid`,
   /// at most onto it: from an edge rays would start in the plane of the wall that stands on it, and

@@ -13,19 +13,24 @@ Api::Api(ApiParts parts)
       tenant_rate_(parts.config.max_requests_per_minute_per_tenant),
       token_rate_(parts.config.max_requests_per_minute_per_token),
       webhook_tests_(std::max<std::ptrdiff_t>(parts.config.http_threads / 2, 1)),
+      view_(parts.view),
+      see_(parts.see),
       resources_([&]() -> Resources {
-        const auto& [config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, check,
-                     bake_threads, import_memory] = parts;
+        const auto& [config, data, store, scenes, jobs, feeds, webhooks, uploads, gate, check, pool,
+                     view, see, metrics, import_memory] = parts;
         const Intake intake{data, {config.max_upload_bytes, config.max_request_json_bytes}};
         const jobs::JobLookup& lookup = jobs.lookup();
-        return {.capabilities = {config, jobs.admission(), uploads, bake_threads, import_memory},
+        return {.capabilities = {config, jobs.admission(), uploads, pool.size(), import_memory},
                 .scenes = {scenes, store, check, intake},
                 .submit = {jobs.submitter(), lookup, webhooks, resources_.scenes},
                 .jobs = {lookup, jobs.control(), intake},
                 .events = {lookup, feeds},
                 .uploads = {uploads, store, resources_.scenes, config.max_bytes_per_tenant},
                 .webhook_tests = {webhooks, intake, webhook_tests_},
-                .results = {lookup, data, previews_}};
+                .results = {lookup, data, previews_},
+                .views = {lookup, data, view_, pool, views_},
+                .visibility = {resources_.scenes, see_, pool, visibility_, jobs.admission(),
+                               jobs.cpu_meter(), metrics}};
       }()),
       router_(make_router(resources_)) {}
 

@@ -25,7 +25,10 @@ struct ApiParts {
   data::UploadStore& uploads;
   const auth::Gate& gate;
   SceneCheck check;
-  unsigned bake_threads = 1;
+  exec::ThreadPool& pool;  ///< what bakes, views and visibility run on
+  ViewFunction view;
+  VisibilityFunction see;
+  base::Metrics& metrics;
   std::uint64_t import_memory_bytes = 0;  ///< memory that reading one scene may take; 0: no limit
 };
 
@@ -46,6 +49,11 @@ class Api {
   auth::RateLimiter tenant_rate_, token_rate_;
   std::counting_semaphore<> webhook_tests_;  ///< at a time: half the threads
   std::counting_semaphore<> previews_{2};
+  const ViewFunction view_;
+  const VisibilityFunction see_;
+  // The work of the desks refers to the functions; it ends with them.
+  Desk views_{Views::kAtOnce, Views::kInLine};
+  Desk visibility_{Visibility::kAtOnce, Visibility::kInLine};
   const Resources resources_;
   const http::Router router_;
 };

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "baker/bake.h"
+#include "baker/visibility/pairs.h"
 #include "proto/json.h"
 #include "proto/json_values.h"
 #include "server/api/openapi.h"
@@ -51,6 +52,8 @@ constexpr Limit kLimits[] = {
     {"tenant_uploads", configured<&ServerConfig::max_uploads_per_tenant>},
     {"address_uploads", configured<&ServerConfig::max_uploads_per_address>},
     {"upload_bytes", configured<&ServerConfig::max_upload_bytes>},
+    {"visibility_pairs",
+     [](const LimitSources&) -> std::uint64_t { return visibility::kMostPairs; }},
     {"request_json_bytes", configured<&ServerConfig::max_request_json_bytes>},
     {"memory_bytes", [](const LimitSources& from) { return from.part.admission.memory_limit(); }},
     {"queued_jobs", configured<&ServerConfig::max_queued_jobs>},

@@ -143,6 +143,23 @@ json job_paths() {
   return {{"/v1/jobs", std::move(jobs)}, {"/v1/jobs/{id}", std::move(one)}};
 }
 
+json view_operation() {
+  return operation(
+      "getView", "The baked scene with a layer as its color",
+      {{"200", file_answer("A picture", "image/png")}, {"304", answer("The client has it")}},
+      {query("layer", kText, "of the pages; irradiance by default"),
+       query("camera", kText,
+             "fit, the name of a camera of the scene, or x,y,z:tx,ty,tz[:degrees]"),
+       query("size", {{"type", "string"}, {"pattern", "^[0-9]+x[0-9]+$"}},
+             "WIDTHxHEIGHT, each at most 4096; 1024x768 by default"),
+       query("exposure", {{"type", "number"}}, "factor on light before the tone curve"),
+       query("ortho", {{"type", "boolean"}}, "no perspective"),
+       query("filter", {{"enum", {"bilinear", "nearest"}}}, "between texels"),
+       query("shaded", {{"type", "boolean"}},
+             "the light that leaves the surface, where the layer is irradiance"),
+       header("If-None-Match", "ETags")});
+}
+
 json job_action_paths() {
   const json id{path_parameter("id", "^job_[0-9a-z]{26}$")};
   const auto path = [&](const char* method, json what) {
@@ -178,7 +195,8 @@ json job_action_paths() {
                              {query("page", kNumber, "from 0"),
                               query("pass", {{"const", "latest"}}, "only `latest`"),
                               query("exposure", {{"type", "number"}}, "scale of the values"),
-                              header("If-None-Match", "ETags")}))}};
+                              header("If-None-Match", "ETags")}))},
+      {"/v1/jobs/{id}/view", path("get", view_operation())}};
 }
 
 json result_paths() {
@@ -218,6 +236,22 @@ json scene_paths() {
 json with_headers(json answer, std::initializer_list<const char*> names) {
   for (const char* name : names) answer["headers"][name] = {{"schema", kText}};
   return answer;
+}
+
+json visibility_paths() {
+  json post =
+      operation("postVisibility", "Which pairs of points of a scene see each other",
+                {{"200", with_headers(file_answer("A bit per pair", "application/octet-stream"),
+                                      {"Lightkiln-Pairs", "Lightkiln-Visible", "Server-Timing"})}},
+                {required(query("scene", {{"type", "string"}, {"pattern", "^sha256:[0-9a-f]{64}$"}},
+                                "id of a stored scene")),
+                 header("Content-Digest", "sha-256, checked")});
+  post["requestBody"] = {
+      {"required", true},
+      {"description",
+       "six little-endian 32-bit floats a pair: x, y, z of the one point, then of the other"},
+      {"content", {{"application/octet-stream", json::object()}}}};
+  return {{"/v1/visibility", {{"post", std::move(post)}}}};
 }
 
 json upload_paths() {
@@ -270,8 +304,8 @@ json service_paths() {
 
 json openapi_document() {
   json paths = service_paths();
-  for (const json& more :
-       {upload_paths(), scene_paths(), job_paths(), job_action_paths(), result_paths()})
+  for (const json& more : {upload_paths(), scene_paths(), visibility_paths(), job_paths(),
+                           job_action_paths(), result_paths()})
     paths.update(more);
   json document{
       {"openapi", "3.1.0"},

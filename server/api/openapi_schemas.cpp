@@ -130,7 +130,7 @@ json patch() {
 }
 
 json progress() {
-  return closed({{"stage", text("import, atlas, solve or output")},
+  return closed({{"stage", text("import, atlas, solve, reference or output")},
                  {"pass", integer()},
                  {"max_passes", integer()},
                  {"batches_done", integer()},

@@ -60,29 +60,6 @@ std::string exr_name(std::uint64_t page) {
   return "page_" + std::string(digits.size() < 2 ? "0" : "") + digits + ".exr";
 }
 
-proto::Expected<std::optional<float>> query_exposure(const http::Request& request) {
-  const std::string* text = request.head.query_value("exposure");
-  if (!text) return std::nullopt;
-  float value = 0;
-  const auto parsed = std::from_chars(text->data(), text->data() + text->size(), value);
-  if (parsed.ec != std::errc() || parsed.ptr != text->data() + text->size() || !(value > 0) ||
-      !std::isfinite(value))
-    return proto::fail("bad_request", "`exposure` has to be a number over 0.", "request",
-                       "/query/exposure");
-  return value;
-}
-
-proto::Expected<proto::Job> find_finished(const Results& part, const http::Request& request) {
-  auto job = find_job(part.lookup, request);
-  if (!job || job->state == proto::JobState::kSucceeded) return job;
-  // A bake that was canceled with `drain` has the light of its passes.
-  if (job->state == proto::JobState::kCanceled && !part.lookup.results(job->id).empty()) return job;
-  if (!proto::is_terminal(job->state))
-    return proto::fail("result_not_ready", "Job " + job->id + " is not over yet.");
-  return proto::fail(
-      "not_found", "Job " + job->id + " " + proto::to_string(job->state) + ": it has no results.");
-}
-
 // Returns the log of a job without results: one that runs or failed. Nothing: there is none yet.
 std::optional<http::Response> log_response(const data::DataFolder& data, const std::string& id) {
   auto text = proto::read_file(jobs::JobLog::path(data, id), jobs::JobLog::kMaxBytes);
@@ -130,15 +107,40 @@ Expected<std::string> render_preview(const Results& part, const http::Request& r
     if (!read) return proto::Unexpected(read.error());
     image = std::move(*read);
   }
-  const float scale =
-      exposure->value_or(job.settings.output.exposure.value_or(output::automatic_exposure(image)));
-  return image::encode_png(output::tone_map(image, scale), image.width, image.height);
+  const proto::OutputSettings& asked = job.settings.output;
+  const output::Tone tone =
+      output::tone_of(image, *exposure ? *exposure : asked.exposure, asked.tone_curve);
+  return image::encode_png(output::tone_map(image, tone), image.width, image.height);
 }
 
 }  // namespace
 
+proto::Expected<proto::Job> find_finished(const jobs::JobLookup& lookup,
+                                          const http::Request& request) {
+  auto job = find_job(lookup, request);
+  if (!job || job->state == proto::JobState::kSucceeded) return job;
+  // A bake that was canceled with `drain` has the light of its passes.
+  if (job->state == proto::JobState::kCanceled && !lookup.results(job->id).empty()) return job;
+  if (!proto::is_terminal(job->state))
+    return proto::fail("result_not_ready", "Job " + job->id + " is not over yet.");
+  return proto::fail(
+      "not_found", "Job " + job->id + " " + proto::to_string(job->state) + ": it has no results.");
+}
+
+proto::Expected<std::optional<float>> query_exposure(const http::Request& request) {
+  const std::string* text = request.head.query_value("exposure");
+  if (!text) return std::nullopt;
+  float value = 0;
+  const auto parsed = std::from_chars(text->data(), text->data() + text->size(), value);
+  if (parsed.ec != std::errc() || parsed.ptr != text->data() + text->size() || !(value > 0) ||
+      !std::isfinite(value))
+    return proto::fail("bad_request", "`exposure` has to be a number over 0.", "request",
+                       "/query/exposure");
+  return value;
+}
+
 http::Response get_results(const Results& part, http::Request& request) {
-  auto job = find_finished(part, request);
+  auto job = find_finished(part.lookup, request);
   if (!job) return problem(job.error(), request);
   auto text = proto::read_file(part.data.results(job->id) / "manifest.json", kMaxManifestBytes);
   if (!text) return problem(text.error(), request);
@@ -160,7 +162,7 @@ http::Response get_results(const Results& part, http::Request& request) {
 }
 
 http::Response get_result(const Results& part, http::Request& request) {
-  auto job = find_finished(part, request);
+  auto job = find_finished(part.lookup, request);
   if (!job && request.parameters.at(1) == "log.txt")
     if (const auto any = find_job(part.lookup, request))
       if (auto log = log_response(part.data, any->id)) return std::move(*log);
@@ -189,7 +191,7 @@ http::Response get_result(const Results& part, http::Request& request) {
 // Answers with all files at once. The name of the whole follows from the names and digests of its
 // parts.
 http::Response get_results_zip(const Results& part, http::Request& request) {
-  auto job = find_finished(part, request);
+  auto job = find_finished(part.lookup, request);
   if (!job) return problem(job.error(), request);
   std::vector<ZipEntry> entries;
   proto::Sha256 identity;
@@ -218,7 +220,7 @@ http::Response get_preview(const Results& part, http::Request& request) {
   const baker::Snapshot snapshot = part.lookup.snapshot(job->id);
   if (!snapshot.light) {
     // The job may have ended between the two looks.
-    if (auto finished = find_finished(part, request); !finished)
+    if (auto finished = find_finished(part.lookup, request); !finished)
       return problem(finished.error(), request);
   }
   // The attempt and pass name the picture; the query that goes with it is part of the URL.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <semaphore>
 
 #include "server/data/data_folder.h"
@@ -14,6 +15,11 @@ struct Results {
   const data::DataFolder& data;
   std::counting_semaphore<>& previews;  ///< previews that may be made at a time
 };
+
+/// Finds the job of a route about results. Errors: `not_found`, `result_not_ready`.
+proto::Expected<proto::Job> find_finished(const jobs::JobLookup&, const http::Request&);
+/// Reads the exposure from the query; nothing when it is not there. Errors: `bad_request`.
+proto::Expected<std::optional<float>> query_exposure(const http::Request&);
 
 http::Response get_results(const Results&, http::Request&);
 http::Response get_result(const Results&, http::Request&);

@@ -38,6 +38,8 @@ constexpr Route kRoutes[] = {
     {"GET", "/v1/jobs/{}/results/{}", call<get_result, &Resources::results>},
     {"GET", "/v1/jobs/{}/results.zip", call<get_results_zip, &Resources::results>},
     {"GET", "/v1/jobs/{}/preview", call<get_preview, &Resources::results>},
+    {"GET", "/v1/jobs/{}/view", call<get_view, &Resources::views>},
+    {"POST", "/v1/visibility", call<post_visibility, &Resources::visibility>},
 };
 
 }  // namespace

@@ -11,6 +11,8 @@
 #include "server/api/scenes.h"
 #include "server/api/submit.h"
 #include "server/api/uploads.h"
+#include "server/api/views.h"
+#include "server/api/visibility.h"
 #include "server/api/webhooks.h"
 #include "server/http/router.h"
 
@@ -26,6 +28,8 @@ struct Resources {
   Uploads uploads;
   WebhookTests webhook_tests;
   Results results;
+  Views views;
+  Visibility visibility;
 };
 
 /// Returns the router of the API; `resources` live longer than it.

@@ -17,6 +17,20 @@ using proto::fail;
 
 constexpr std::size_t kMaxFileName = 1024;
 
+/// Makes a file without a name. Its path tells messages where it is.
+struct NamelessFile {
+  std::filesystem::path path;
+  proto::Fd fd;
+
+  static Expected<NamelessFile> create(const data::DataFolder& data) {
+    NamelessFile file{data.new_temporary(), {}};
+    file.fd = proto::Fd(::open(file.path.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
+    if (!file.fd.valid()) return proto::storage_error("create", file.path);
+    ::unlink(file.path.c_str());
+    return file;
+  }
+};
+
 /// Collects text that arrives in pieces. Thousands of texts may be arriving: a longer one waits in
 /// a file without a name.
 class TextSpool {
@@ -28,13 +42,12 @@ class TextSpool {
     size_ += bytes.size();
     memory_ += bytes;
     if (memory_.size() <= kInMemory) return {};
-    if (!file_.valid()) {
-      path_ = data_->new_temporary();
-      file_ = proto::Fd(::open(path_.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, 0600));
-      if (!file_.valid()) return proto::storage_error("create", path_);
-      ::unlink(path_.c_str());
+    if (!file_.fd.valid()) {
+      auto file = NamelessFile::create(*data_);
+      if (!file) return proto::Unexpected(file.error());
+      file_ = std::move(*file);
     }
-    auto written = proto::write_all(file_.get(), memory_, path_);
+    auto written = proto::write_all(file_.fd.get(), memory_, file_.path);
     memory_.clear();
     return written;
   }
@@ -44,9 +57,9 @@ class TextSpool {
     std::string all(size_ - memory_.size(), '\0');
     for (std::size_t done = 0; done < all.size();) {
       const ssize_t got =
-          ::pread(file_.get(), all.data() + done, all.size() - done, static_cast<off_t>(done));
+          ::pread(file_.fd.get(), all.data() + done, all.size() - done, static_cast<off_t>(done));
       if (got < 0 && errno == EINTR) continue;
-      if (got <= 0) return proto::storage_error("read", path_);
+      if (got <= 0) return proto::storage_error("read", file_.path);
       done += static_cast<std::size_t>(got);
     }
     return all + memory_;
@@ -54,8 +67,7 @@ class TextSpool {
 
  private:
   const data::DataFolder* data_;
-  std::filesystem::path path_;
-  proto::Fd file_;
+  NamelessFile file_;
   std::string memory_;
   std::uint64_t size_ = 0;
 };
@@ -240,6 +252,26 @@ http::Response receive_text(http::Request& request, const Intake& intake, TextAn
       intake.limits.json_bytes, [text](std::string_view bytes) { return text->add(bytes); },
       [text, answer = std::move(answer)](http::Request& again, const Expected<void>& received) {
         return answer(again, received ? text->text() : proto::Unexpected(received.error()));
+      }};
+  return response;
+}
+
+http::Response receive_file(http::Request& request, const Intake& intake, std::uint64_t max_bytes,
+                            FileAnswer answer) {
+  if (auto ok = check_encoding(request.head); !ok)
+    return answer(request, proto::Unexpected(ok.error()));
+  auto made = NamelessFile::create(intake.data);
+  if (!made) return answer(request, proto::Unexpected(made.error()));
+  const auto file = std::make_shared<NamelessFile>(std::move(*made));
+  http::Response response;
+  response.receive = http::Receive{
+      std::min(max_bytes, intake.limits.body_bytes),
+      [file](std::string_view bytes) {
+        return proto::write_all(file->fd.get(), bytes, file->path);
+      },
+      [file, answer = std::move(answer)](http::Request& again, const Expected<void>& received) {
+        if (!received) return answer(again, proto::Unexpected(received.error()));
+        return answer(again, std::move(file->fd));
       }};
   return response;
 }

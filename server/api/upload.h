@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "proto/expected.h"
+#include "proto/files.h"
 #include "server/data/data_folder.h"
 #include "server/data/scene_store.h"
 #include "server/http/message.h"
@@ -64,6 +65,11 @@ http::Response receive_upload(http::Request&, const Intake&, bool for_job, Uploa
 /// those of Receive.
 using TextAnswer = std::function<http::Response(http::Request&, proto::Expected<std::string>)>;
 http::Response receive_text(http::Request&, const Intake&, TextAnswer);
+
+/// Returns the response that receives a body of bytes, at most `max_bytes`, into a file without a
+/// name, which goes with its last descriptor. Errors: those of receive_text().
+using FileAnswer = std::function<http::Response(http::Request&, proto::Expected<proto::Fd>)>;
+http::Response receive_file(http::Request&, const Intake&, std::uint64_t max_bytes, FileAnswer);
 
 /// Returns whether a scene can be sent as this media type.
 bool is_scene_type(const std::string& media_type);

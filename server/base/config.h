@@ -40,6 +40,8 @@ struct ServerConfig {
   std::uint32_t max_running_jobs = 2;
   /// The memory of running bakes and import processes together; 0: 4/5 of what is free at start.
   std::uint64_t memory_budget_bytes = 0;
+  /// Memory of scenes that are kept ready for the next request of visibility; 0: none is kept.
+  std::uint64_t visibility_cache_bytes = 512ull << 20;
   std::uint32_t max_queued_jobs = 1000;                  ///< beyond: `queue_full`
   std::uint32_t max_queued_jobs_per_tenant = 0;          ///< beyond: `quota_exceeded`; 0: no limit
   std::uint32_t max_running_jobs_per_tenant = 0;         ///< others wait; 0: no limit

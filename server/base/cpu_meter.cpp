@@ -29,9 +29,15 @@ CpuMeter::CpuMeter(std::function<double()> clock) : clock_(std::move(clock)) {}
 // change whenever a job begins or ends.
 void CpuMeter::share() {
   const double now = clock_();
+  if (now < seen_) return;  // more was left out than has been used since
   const double used = now - seen_;
   seen_ = now;
   for (auto& [id, seconds] : shares_) seconds += used / double(shares_.size());
+}
+
+void CpuMeter::leave_out(double seconds) {
+  const std::lock_guard lock(mutex_);
+  seen_ += seconds;
 }
 
 CpuMeter::Run::Run(CpuMeter& meter) : meter_(meter) {

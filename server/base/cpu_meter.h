@@ -29,6 +29,9 @@ class CpuMeter {
     std::uint64_t id_ = 0;
   };
 
+  /// Leaves so many seconds of this process out of what the jobs share: they were somebody else's.
+  void leave_out(double seconds);
+
   static double process_seconds();
 
  private:

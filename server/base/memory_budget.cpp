@@ -43,7 +43,7 @@ std::uint64_t MemoryBudget::free_without_waiting() const {
 std::uint64_t MemoryBudget::free_bytes() const {
   if (bytes_ == 0) return UINT64_MAX;
   const std::lock_guard lock(mutex_);
-  const std::uint64_t free = free_without_waiting();
+  const std::uint64_t free = free_without_waiting() + spare_bytes();
   return free - std::min(free, wanted_);
 }
 
@@ -58,14 +58,37 @@ std::uint64_t MemoryBudget::own(const std::string& job) const {
 }
 
 bool MemoryBudget::reserve(const std::string& job, std::uint64_t bytes) {
-  const std::lock_guard lock(mutex_);
-  const std::uint64_t own = this->own(job);
-  std::uint64_t free = bytes_ == 0 ? UINT64_MAX : free_without_waiting() + own;
-  if (bytes > own) free -= std::min(free, wanted_);
-  if (bytes > free) return false;
+  std::unique_lock lock(mutex_);
+  const auto missing = [&]() -> std::uint64_t {
+    if (bytes_ == 0) return 0;
+    const std::uint64_t needed = bytes > own(job) ? bytes + wanted_ : bytes;
+    return needed - std::min(needed, free_without_waiting() + own(job));
+  };
+  while (missing() > 0)
+    if (missing() > spare_bytes() || !give_back(lock, missing())) return false;
+  const bool less = bytes < own(job);
   reserved_[job] = bytes;
-  if (bytes < own) changed_.notify_all();
+  if (less) changed_.notify_all();
   return true;
+}
+
+bool MemoryBudget::give_back(std::unique_lock<std::mutex>& lock, std::uint64_t missing) {
+  const std::uint64_t bytes = std::min(missing, spare_bytes());
+  if (bytes == 0) return false;
+  lock.unlock();
+  const bool gave = spare_.give_back(bytes);
+  lock.lock();
+  return gave;
+}
+
+void MemoryBudget::announce() {
+  {
+    std::unique_lock lock(mutex_);
+    while (give_back(lock, wanted_ - std::min(wanted_, free_without_waiting()))) {
+    }
+  }
+  changed_.notify_all();
+  if (hook_) hook_();
 }
 
 void MemoryBudget::release(const std::string& job) {
@@ -108,6 +131,12 @@ proto::Expected<MemoryBudget::Place> MemoryBudget::enter(
     const bool gave_up_one = crowded_();
     lock.lock();
     if (!gave_up_one) break;
+  }
+  const auto missing = [&] {
+    const std::uint64_t needed = beyond - std::min(beyond, own(job));
+    return needed - std::min(needed, free_without_waiting());
+  };
+  while (give_back(lock, missing())) {
   }
   if (patience && impatient_ >= imports_.impatient &&
       (running_ >= imports_.processes || (beyond > 0 && !line_.empty()) ||
@@ -165,6 +194,25 @@ std::shared_ptr<const void> MemoryBudget::watch(std::function<void()> wake) {
   watches_.remove_if([](const auto& other) { return other.expired(); });
   watches_.push_back(watch);
   return watch;
+}
+
+std::optional<MemoryBudget::Loan> MemoryBudget::borrow(std::uint64_t bytes) {
+  std::string name;
+  {
+    const std::lock_guard lock(mutex_);
+    name = "loan " + std::to_string(++last_loan_);  // no job has such an id
+  }
+  if (!reserve(name, bytes)) return std::nullopt;
+  return Loan(*this, std::move(name));
+}
+
+MemoryBudget::Loan::Loan(Loan&& other) noexcept
+    : budget_(std::exchange(other.budget_, nullptr)), name_(std::move(other.name_)) {}
+
+MemoryBudget::Loan::~Loan() {
+  if (!budget_) return;
+  budget_->release(name_);
+  if (budget_->hook_) budget_->hook_();
 }
 
 MemoryBudget::Place::Place(Place&& other) noexcept

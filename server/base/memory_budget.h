@@ -12,6 +12,7 @@
 #include <set>
 #include <stop_token>
 #include <string>
+#include <utility>
 
 #include "proto/expected.h"
 
@@ -42,7 +43,7 @@ class MemoryBudget {
 
   /// Returns what all bakes together may reserve; UINT64_MAX: no limit.
   std::uint64_t for_bakes() const;
-  /// Returns what one more may reserve now.
+  /// Returns what one more may reserve now, with what is kept for later only.
   std::uint64_t free_bytes() const;
   /// Returns whether import processes have, and wait for, nothing beyond what is set aside for
   /// them.
@@ -51,8 +52,24 @@ class MemoryBudget {
   /// there is not so much beside the others.
   bool reserve(const std::string& job, std::uint64_t bytes);
   void release(const std::string& job);
-  std::uint64_t reserved() const;  ///< bytes reserved by bakes
+  std::uint64_t reserved() const;  ///< bytes reserved by bakes and loans
   std::uint64_t reserved(const std::string& job) const;
+
+  /// Memory of work that is neither a bake nor an import. Ends with the object.
+  class Loan {
+   public:
+    Loan(Loan&& other) noexcept;
+    Loan& operator=(Loan&&) = delete;
+    ~Loan();
+
+   private:
+    friend class MemoryBudget;
+    Loan(MemoryBudget& budget, std::string name) : budget_(&budget), name_(std::move(name)) {}
+    MemoryBudget* budget_;
+    std::string name_;
+  };
+  /// Takes so much of what bakes have left. Returns nothing when there is not so much now.
+  std::optional<Loan> borrow(std::uint64_t bytes);
 
   /// The right to run one import process. Ends with the object.
   class Place {
@@ -93,11 +110,30 @@ class MemoryBudget {
   /// there are any.
   void on_crowded(std::function<bool()> hook) { crowded_ = std::move(hook); }
 
-  /// Called when memory that a process had is free for bakes, with no lock held. Set once, before
-  /// there are any.
+  /// Called when memory that a process or a loan had is free for bakes, with no lock held. Set
+  /// once, before there are any.
   void on_free(std::function<void()> hook) { hook_ = std::move(hook); }
 
+  /// Reservations that are kept for later only: whoever lacks memory gets theirs.
+  struct Spare {
+    std::function<std::uint64_t()> bytes;  ///< of all of them; it takes no lock
+    /// Called with no lock of the budget's held, but perhaps with a caller's: releases about so
+    /// many bytes, by release(), and returns false when there was nothing to release.
+    std::function<bool(std::uint64_t bytes)> give_back;
+  };
+  /// Set once, before there are any.
+  void on_scarce(Spare spare) { spare_ = std::move(spare); }
+  std::uint64_t spare() const { return spare_bytes(); }  ///< bytes of Spare; any thread
+  /// Tells that reservations were released, or are kept for later only from now on: gives back what
+  /// somebody waits for, and calls on_free(). Called with no lock held.
+  void announce();
+
  private:
+  /// Returns what Spare::bytes says.
+  std::uint64_t spare_bytes() const { return spare_.bytes ? spare_.bytes() : 0; }
+  /// Has spare memory given back, up to so much, with `lock`, that of mutex_, open meanwhile.
+  /// Returns false when there was none.
+  bool give_back(std::unique_lock<std::mutex>& lock, std::uint64_t missing);
   std::uint64_t free_without_waiting() const;  ///< needs mutex_, as do the others
   std::uint64_t beyond_least(std::uint64_t bytes) const;
   std::uint64_t own(const std::string& job) const;
@@ -108,15 +144,16 @@ class MemoryBudget {
   std::uint64_t set_aside_ = 0;
   std::function<void()> hook_;
   std::function<bool()> crowded_;
+  Spare spare_;
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::map<std::string, std::uint64_t> reserved_;  ///< bytes by job
+  std::map<std::string, std::uint64_t> reserved_;  ///< bytes by job, or by the name of a loan
   std::uint32_t running_ = 0;                      ///< import processes
   std::uint64_t taken_ = 0;      ///< bytes taken by processes, beyond what is set aside
   std::uint64_t wanted_ = 0;     ///< likewise, by those that wait
   std::uint32_t impatient_ = 0;  ///< number that wait with patience
-  std::uint64_t last_ticket_ = 0;
+  std::uint64_t last_ticket_ = 0, last_loan_ = 0;
   std::set<std::uint64_t> line_;  ///< tickets of those that wait for memory
   std::list<std::weak_ptr<const std::function<void()>>> watches_;
 };

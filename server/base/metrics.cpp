@@ -64,6 +64,12 @@ struct Metrics::Impl {
       histogram(registry, "bake_queue_seconds", "From a job's arrival to its start").Add({}, kSlow);
   Family<Histogram>& pass_seconds = histogram(registry, "bake_pass_seconds", "Passes by name");
   Counter& rays = counter(registry, "bake_rays_total", "Rays traced").Add({});
+  Counter& pairs =
+      counter(registry, "visibility_pairs_total", "Pairs of points that were answered").Add({});
+  Family<Counter>& visibility_scenes =
+      counter(registry, "visibility_scenes_total", "Scenes of such requests: kept, or made ready");
+  Gauge& spare =
+      gauge(registry, "visibility_kept_bytes", "Memory of scenes that wait for more").Add({});
   Histogram& commit_seconds =
       histogram(registry, "store_commit_seconds", "Transactions of the job store").Add({}, kFast);
   Gauge& streams = gauge(registry, "sse_clients", "Open event streams").Add({});
@@ -127,6 +133,11 @@ void Metrics::committed(double seconds) {
   impl_->commit_seconds.Observe(seconds);
 }
 
+void Metrics::visibility(std::uint64_t pairs, bool was_ready) {
+  impl_->pairs.Increment(double(pairs));
+  impl_->visibility_scenes.Add({{"scene", was_ready ? "kept" : "made"}}).Increment();
+}
+
 std::string Metrics::text(const Now& now) {
   impl_->queued.Set(double(now.queued));
   impl_->running.Set(double(now.running));
@@ -137,6 +148,7 @@ std::string Metrics::text(const Now& now) {
   impl_->disk_free.Set(now.disk_free_share);
   impl_->budget.Set(double(now.memory_budget));
   impl_->reserved.Set(double(now.memory_reserved));
+  impl_->spare.Set(double(now.memory_spare));
   impl_->connections.Set(double(now.connections));
   impl_->waiting.Set(double(now.waiting));
   impl_->uploads.Set(double(now.uploads));

@@ -27,6 +27,8 @@ class Metrics {
   void pass_done(const proto::PassReport&);
   void webhook(std::string_view outcome);  ///< a try: delivered, retried, failed
   void committed(double seconds);          ///< one transaction of the job store
+  /// Counts a request of visibility that was answered. `was_ready`: it did not make its scene so.
+  void visibility(std::uint64_t pairs, bool was_ready);
 
   /// The figures that are looked up when metrics are read.
   struct Now {
@@ -37,7 +39,7 @@ class Metrics {
     std::uint64_t dropped_streams = 0, disk_bytes = 0;
     double disk_free_share = 0;
     std::size_t connections = 0;
-    std::uint64_t memory_budget = 0, memory_reserved = 0;
+    std::uint64_t memory_budget = 0, memory_reserved = 0, memory_spare = 0;
   };
   std::string text(const Now&);
 

@@ -32,9 +32,9 @@ int run_program(int argc, char** argv) {
   app.set_version_flag("--version", "lightkiln " LIGHTKILN_VERSION);
   app.get_formatter()->column_width(34);
   Run run;
-  for (const auto add :
-       {add_serve, add_bake, add_scene, add_compare, add_submit, add_status, add_watch, add_cancel,
-        add_retry, add_fetch, add_settings, add_token, add_doctor, add_version, add_import_stage})
+  for (const auto add : {add_serve, add_bake, add_scene, add_compare, add_view, add_visibility,
+                         add_submit, add_status, add_watch, add_cancel, add_retry, add_fetch,
+                         add_settings, add_token, add_doctor, add_version, add_import_stage})
     add(app, run);
   if (argc < 2) {
     std::fputs(app.help().c_str(), stderr);

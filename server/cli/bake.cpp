@@ -7,9 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "baker/image/page_image.h"
+#include "baker/output/post.h"
 #include "proto/files.h"
 #include "proto/json.h"
 #include "server/cli/commands.h"
+#include "server/cli/compare_passes.h"
 #include "server/cli/interrupt.h"
 #include "server/cli/progress.h"
 #include "server/cli/report.h"
@@ -23,16 +26,61 @@ namespace {
 
 struct BakeFlags {
   SceneInput scene;
-  std::string out;
+  std::string out, passes;
   SettingsInput settings;
   unsigned threads = 0;
   bool quiet = false, json = false;
 };
 
+proto::Expected<void> make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error) return {};
+  return proto::fail("io_error",
+                     "can't make the folder " + folder.string() + ": " + error.message());
+}
+
+/// Writes the pages after each pass, for `lightkiln compare`.
+class PassKeeper {
+ public:
+  /// @param folder "": keeps nothing
+  PassKeeper(std::filesystem::path folder, std::uint32_t dilate)
+      : folder_(std::move(folder)), dilate_(dilate) {}
+
+  void keep(const baker::Snapshot& snapshot) {
+    if (folder_.empty() || !ok_) return;
+    const std::filesystem::path to = folder_ / pass_folder(snapshot.pass);
+    ok_ = make_folder(to);
+    for (std::uint32_t p = 0; ok_ && p < snapshot.texels->pages.size(); ++p) {
+      const auto page = output::compose_page(
+          *snapshot.texels, p, [&](std::uint32_t t) { return snapshot.light->irradiance(t); },
+          dilate_);
+      const image::ExrLayer layer{"irradiance", &page};
+      char name[32];
+      std::snprintf(name, sizeof name, "page_%02u.exr", unsigned(p));
+      ok_ = image::write_exr(to / name, {&layer, 1}, proto::Precision::kFloat,
+                             {{{"lightkiln:layers", "irradiance"}}});
+    }
+  }
+  /// Writes what the passes were. Returns the first error.
+  proto::Expected<void> finish(const std::vector<proto::PassReport>& passes) {
+    if (folder_.empty() || !ok_) return ok_;
+    auto reports = nlohmann::json::array();
+    for (const auto& pass : passes) reports.push_back(proto::to_json(pass));
+    return proto::write_bytes(folder_ / kPassReports, proto::to_text(reports, 1) + "\n");
+  }
+
+ private:
+  std::filesystem::path folder_;
+  std::uint32_t dilate_;
+  proto::Expected<void> ok_;
+};
+
 /// Forwards the bake's progress and warnings to the progress view.
 class Observer : public baker::BakeObserver {
  public:
-  explicit Observer(ProgressView& view) : view_(view) {}
+  Observer(ProgressView& view, PassKeeper& passes) : view_(view), passes_(passes) {}
+  void on_snapshot(baker::Snapshot snapshot) override { passes_.keep(snapshot); }
   void on_progress(const proto::JobProgress& p) override { view_.update(p); }
   void on_warning(const proto::Warning& w) override {
     view_.note("warning: " + w.message + (w.pointer.empty() ? "" : " (" + w.pointer + ")"));
@@ -40,6 +88,7 @@ class Observer : public baker::BakeObserver {
 
  private:
   ProgressView& view_;
+  PassKeeper& passes_;
 };
 
 proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags,
@@ -63,9 +112,13 @@ proto::Expected<baker::BakeInput> input_of(const BakeFlags& flags,
   importing.process.zygote = zygote;
   importing.decodes_images = side->images;
   input.source = sandbox::Importer(importing).open(input.files, input.scene_key, {});
-  std::filesystem::create_directories(flags.out, error);
-  if (error)
-    return proto::fail("io_error", "can't make the folder " + flags.out + ": " + error.message());
+  for (const std::string& folder : {flags.out, flags.passes})
+    if (!folder.empty())
+      if (auto ok = make_folder(folder); !ok) return proto::Unexpected(std::move(ok.error()));
+  if (holds_passes(flags.passes))
+    return proto::fail("usage", flags.passes +
+                                    " holds the passes of another bake: name another "
+                                    "folder, or empty it");
   input.output_dir = flags.out;
   return input;
 }
@@ -96,10 +149,12 @@ int run_bake(const BakeFlags& flags) {
       flags.threads != 0 ? flags.threads : std::max(1u, std::thread::hardware_concurrency());
   exec::ThreadPool pool(threads);
   ProgressView view(ProgressView::style_for(flags.quiet));
-  Observer observer(view);
+  PassKeeper passes(flags.passes, input->settings.post.dilate);
+  Observer observer(view, passes);
   const auto manifest = baker::bake(*input, pool, interrupt.token(), observer);
   view.finish();
   if (!manifest) return report(manifest.error());
+  if (auto ok = passes.finish(manifest->statistics.passes); !ok) return report(ok.error());
   print_summary(flags, *manifest);
   return kDone;
 }
@@ -114,6 +169,10 @@ void add_bake(CLI::App& app, Run& run) {
       ->required()
       ->type_name("DIR");
   flags->settings.add_flags(*command);
+  command
+      ->add_option("--keep-passes", flags->passes,
+                   "Folder for the pages after each pass, which `lightkiln compare` reads")
+      ->type_name("DIR");
   command->add_option("--threads", flags->threads, "Threads that bake; 0: one per processor")
       ->check(CLI::Range(0u, 1024u))
       ->type_name("N")

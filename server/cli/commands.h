@@ -22,6 +22,8 @@ void add_cancel(CLI::App&, Run&);
 void add_retry(CLI::App&, Run&);
 void add_fetch(CLI::App&, Run&);
 void add_compare(CLI::App&, Run&);
+void add_view(CLI::App&, Run&);
+void add_visibility(CLI::App&, Run&);
 void add_scene(CLI::App&, Run&);
 void add_settings(CLI::App&, Run&);
 void add_token(CLI::App&, Run&);

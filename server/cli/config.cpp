@@ -190,6 +190,10 @@ const std::vector<ConfigRow>& config_rows() {
        "Memory that running bakes, by their estimates, and import processes may take; others wait;\n"
        "0: four fifths of what the machine or container has free at the start",
        parse_bytes<&C::memory_budget_bytes, 0>, show_number<&C::memory_budget_bytes>},
+      {"visibility_cache_bytes", false, "0 or a number of bytes, such as 512MiB",
+       "Memory of scenes that are kept ready for the next POST /v1/visibility, the last used ones; it\n"
+       "counts in the memory budget, and is given to whatever needs it; 0: none is kept",
+       parse_bytes<&C::visibility_cache_bytes, 0>, show_number<&C::visibility_cache_bytes>},
       {"max_queued_jobs", true, "a number from 1 to 1000000",
        "Jobs that may wait; one more is refused with queue_full",
        parse_number<&C::max_queued_jobs, 1, 1'000'000>, show_number<&C::max_queued_jobs>},

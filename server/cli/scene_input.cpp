@@ -34,7 +34,7 @@ SettingsInput SceneInput::settings(SettingsInput given) const {
 proto::Expected<SideFiles> SceneInput::side_files(const proto::BakeSettings& settings) const {
   std::vector<std::string> named = side;
   if (!sky.empty()) named.push_back(sky);
-  return all_side_files(path, named, settings.sky.map);
+  return all_side_files(path, named, settings.sky.map, settings.report);
 }
 
 }  // namespace kiln::cli

@@ -6,6 +6,7 @@
 
 #include "baker/files/mapped_file.h"
 #include "baker/gltf/document.h"
+#include "baker/reference.h"
 
 namespace kiln::cli {
 namespace {
@@ -43,7 +44,8 @@ SideFiles find_side_files(const fs::path& scene) {
 
 proto::Expected<SideFiles> all_side_files(const fs::path& scene,
                                           const std::vector<std::string>& named,
-                                          const std::optional<std::string>& sky_map) {
+                                          const std::optional<std::string>& sky_map,
+                                          const proto::ReportSettings& report) {
   SideFiles out = find_side_files(scene);
   auto beside = std::move(out.files);
   out.files.clear();
@@ -59,6 +61,13 @@ proto::Expected<SideFiles> all_side_files(const fs::path& scene,
   }
   if (sky_map)
     if (auto file = inside(folder_of(scene), *sky_map)) beside.emplace(*sky_map, std::move(*file));
+  if (report.against && !report.method())
+    for (std::uint32_t page = 0; page < proto::AtlasSettings::kMostPages; ++page) {
+      const auto name = baker::page_file_name(*report.against, page);
+      auto file = name ? inside(folder_of(scene), *name) : std::nullopt;
+      if (!file) break;
+      beside.emplace(*name, std::move(*file));
+    }
   for (auto& [name, path] : beside) {
     const std::string last = fs::path(name).filename().string();
     if (!out.files.count(name) && !(out.files.count(last) && last != name))

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "proto/bake_settings.h"
 #include "proto/expected.h"
 
 namespace kiln::cli {
@@ -21,11 +22,13 @@ struct SideFiles {
 /// not exist: the import reports those. A scene that can't be read gives no files.
 SideFiles find_side_files(const std::filesystem::path& scene);
 
-/// Returns the files of find_side_files(), the sky map of the settings if it lies there too, and
-/// the files that the user names, each under its file name. The user's files win. Errors:
-/// `missing_file` when one of the user's files can't be read or two share a name.
+/// Returns the files of find_side_files(), the sky map of the settings and the file that their
+/// report compares with if they lie there too (with other pages of the latter), and the files that
+/// the user names, each under its file name. The user's files win. Errors: `missing_file` when one
+/// of the user's files can't be read or two share a name.
 proto::Expected<SideFiles> all_side_files(const std::filesystem::path& scene,
                                           const std::vector<std::string>& named,
-                                          const std::optional<std::string>& sky_map = {});
+                                          const std::optional<std::string>& sky_map = {},
+                                          const proto::ReportSettings& report = {});
 
 }  // namespace kiln::cli

@@ -37,6 +37,9 @@ class Admission {
   /// Errors: `queue_full`, `draining`, `quota_exceeded`.
   proto::Expected<void> check(const Lock&, const std::string& tenant) const;
 
+  /// Checks whether the tenant's work of this day leaves it some. Errors: `quota_exceeded`.
+  proto::Expected<void> check_day(const std::string& tenant) const;
+
   /// A place in the queue, held for a job that is being stored. It ends with the object.
   class Place {
    public:
@@ -85,8 +88,6 @@ class Admission {
   bool wait_idle(std::chrono::milliseconds) const;
 
  private:
-  proto::Expected<void> check_day(const std::string& tenant) const;
-
   const JobLimits& limits_;
   JobRegistry& registry_;
   const store::JobStore& store_;

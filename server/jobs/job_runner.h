@@ -22,6 +22,7 @@ class JobRunner {
   void start();
   /// Stops running jobs, which go back to the queue for the next process, and joins the threads.
   void stop();
+  base::CpuMeter& cpu_meter() { return cpu_meter_; }  ///< of the jobs that run
 
  private:
   void loop(const std::stop_token&);

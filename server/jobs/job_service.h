@@ -35,6 +35,7 @@ class JobService {
   JobControl& control() { return control_; }
   const Admission& admission() const { return admission_; }
   JobNotifier& notifier() { return notifier_; }
+  base::CpuMeter& cpu_meter() { return runner_.cpu_meter(); }
 
   void begin_drain() { admission_.begin_drain(); }
   /// Stops running jobs, which go back to the queue for the next process.

@@ -45,9 +45,8 @@ std::vector<proto::Event> end_events(const ActiveJob& job,
 }
 
 JobState state_of_stage(const std::string& stage) {
-  return stage == "solve"    ? JobState::kRunning
-         : stage == "output" ? JobState::kFinalizing
-                             : JobState::kPreparing;
+  if (stage == "solve" || stage == "reference") return JobState::kRunning;
+  return stage == "output" ? JobState::kFinalizing : JobState::kPreparing;
 }
 
 }  // namespace

@@ -115,7 +115,7 @@ image::Outcome read_picture(const image::Module& module, const ImageHead& head) 
   for (const std::uint64_t size : head.parts)
     ImagePeer::receive(bytes.emplace_back(size, '\0').data(), size);
   const std::vector<std::string_view> parts(bytes.begin(), bytes.end());
-  const image::Source source{head.format, parts, head.width, head.height, head.rows};
+  const image::Source source{head.format, parts, head.width, head.height, head.rows, head.layer};
   const std::size_t count = std::size_t(head.width) * head.height;
   if (head.function == ImageFunction::kReadRgb) {
     std::vector<math::Rgb> rgb(count);

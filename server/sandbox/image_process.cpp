@@ -103,6 +103,7 @@ ImageCall reading_call(ImageFunction function, const Source& source) {
   call.head.height = source.height;
   call.head.format = source.format;
   call.head.rows = source.rows;
+  call.head.layer = source.layer;
   for (const std::string_view part : source.parts) {
     call.head.parts.push_back(part.size());
     call.input.emplace_back(part);

@@ -13,6 +13,7 @@ std::string head_text(const ImageHead& head) {
                          {"format", static_cast<int>(head.format)},
                          {"rows", head.rows},
                          {"alpha", head.alpha},
+                         {"layer", head.layer},
                          {"parts", head.parts},
                          {"tile", head.tile},
                          {"half_floats", head.half_floats},
@@ -32,6 +33,7 @@ proto::Expected<ImageHead> parse_head(const std::string& text) {
     head.format = static_cast<image::Format>(document->at("format").get<std::uint8_t>());
     document->at("rows").get_to(head.rows);
     document->at("alpha").get_to(head.alpha);
+    document->at("layer").get_to(head.layer);
     document->at("parts").get_to(head.parts);
     document->at("tile").get_to(head.tile);
     document->at("half_floats").get_to(head.half_floats);

@@ -27,6 +27,7 @@ struct ImageHead {
   image::Format format{};
   std::uint32_t rows = 1;            ///< rows at a time
   bool alpha = false;                ///< kReadRgb: alpha is wanted, too
+  std::string layer;                 ///< kReadRgb
   std::vector<std::uint64_t> parts;  ///< bytes of each part of the file
   // For kWriteExr
   std::uint32_t tile = 0;

@@ -89,6 +89,102 @@ TEST(Bake, MemoryThatIsRefusedEndsItBeforeTheAtlas) {
   EXPECT_GT(asked, 256u * 256 * 100) << "bytes for a page of texels";
 }
 
+TEST(Bake, AMethodThatCantFinishIsRefusedBeforeItsFirstPass) {
+  const TempFolder folder;
+  exec::ThreadPool pool(2);
+  for (const proto::Method method : {proto::Method::kPairwise, proto::Method::kMatrix}) {
+    BakeInput in = input_for(folder, "cornell", 1024);
+    in.settings.solver.method = method;
+    Recorder recorder;
+    const auto manifest = bake(in, pool, {}, recorder);
+    ASSERT_FALSE(manifest);
+    EXPECT_EQ(manifest.error().code, "too_expensive");
+    ASSERT_EQ(manifest.error().details.size(), 1u);
+    EXPECT_EQ(manifest.error().details[0].source, "settings");
+    EXPECT_EQ(manifest.error().details[0].pointer, "/solver/method");
+    EXPECT_EQ(recorder.stages, (std::vector<std::string>{"import", "atlas"}));
+    EXPECT_TRUE(recorder.passes.empty());
+  }
+}
+
+/// The mean light of the previews of a bake.
+struct Previews : BakeObserver {
+  std::vector<double> mean;
+  void on_snapshot(Snapshot s) override {
+    double sum = 0;
+    for (std::uint32_t t = 0; t < s.light->size(); ++t)
+      sum += double(luminance(s.light->irradiance(t))) / double(s.light->size());
+    mean.push_back(sum);
+  }
+};
+
+TEST(Bake, PreviewsOfARadiosityMapCanAddTheLightThatIsMissing) {
+  Previews plain, ambient;
+  std::vector<math::Rgb> page[2];
+  for (const bool adds : {false, true}) {
+    const TempFolder folder;
+    BakeInput in = input_for(folder, "cornell", 64);
+    in.settings.solver.method = proto::Method::kRadiosityMap;
+    in.settings.solver.samples = 64;
+    in.settings.solver.ambient_term = adds;
+    exec::ThreadPool pool(2);
+    const auto manifest = bake(in, pool, {}, adds ? ambient : plain);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    page[adds] = image::read_exr(in.output_dir / "page_00.exr")->rgb;
+  }
+  EXPECT_TRUE(page[0] == page[1]) << "the result has none of it";
+  ASSERT_EQ(plain.mean.size(), ambient.mean.size());
+  EXPECT_EQ(plain.mean.back(), ambient.mean.back());
+  const double whole = plain.mean.back();
+  EXPECT_LT(plain.mean.front(), 0.8 * whole) << "direct light alone";
+  EXPECT_GT(ambient.mean.front(), 0.8 * whole);
+  EXPECT_LT(ambient.mean.front(), 1.5 * whole);
+}
+
+/// The light of all previews of a bake.
+struct PreviewLight : BakeObserver {
+  std::vector<std::vector<math::Rgb>> passes;
+  void on_snapshot(Snapshot s) override {
+    auto& light = passes.emplace_back();
+    for (std::uint32_t t = 0; t < s.light->size(); ++t) light.push_back(s.light->irradiance(t));
+  }
+};
+
+TEST(Bake, PreviewsFadeFromOneToTheNext) {
+  for (const proto::Method method : {proto::Method::kGather, proto::Method::kRadiosityMap}) {
+    PreviewLight plain, faded;
+    std::string png[2];
+    std::vector<math::Rgb> page[2];
+    for (const bool fades : {false, true}) {
+      const TempFolder folder;
+      BakeInput in = input_for(folder, "cornell", 64);
+      in.settings.solver.method = method;
+      in.settings.solver.samples = 64;
+      in.settings.solver.ambient_term = true;  // radiosity_map has it, and it fades, too
+      if (fades) in.settings.output.preview_fade = 0.25f;
+      exec::ThreadPool pool(2);
+      const auto manifest = bake(in, pool, {}, fades ? faded : plain);
+      ASSERT_TRUE(manifest) << manifest.error().message;
+      page[fades] = image::read_exr(in.output_dir / "page_00.exr")->rgb;
+      png[fades] = test::read_bytes(in.output_dir / "page_00.png");
+    }
+    EXPECT_TRUE(page[0] == page[1]) << "the result does not hang on it";
+    EXPECT_TRUE(png[0] == png[1]) << "the final preview does not fade";
+    ASSERT_EQ(plain.passes.size(), faded.passes.size());
+    ASSERT_GE(plain.passes.size(), 3u);
+    std::vector<math::Rgb> shown = plain.passes[0];
+    EXPECT_TRUE(faded.passes[0] == shown) << "the first has nothing to fade from";
+    for (std::size_t p = 1; p < plain.passes.size(); ++p)
+      for (std::size_t t = 0; t < shown.size(); ++t) {
+        shown[t] += (plain.passes[p][t] - shown[t]) * 0.25f;
+        const float size = 1e-5f * (max_channel(shown[t]) + max_channel(plain.passes[0][t]));
+        EXPECT_NEAR(faded.passes[p][t].r, shown[t].r, size);
+        EXPECT_NEAR(faded.passes[p][t].b, shown[t].b, size);
+      }
+    EXPECT_FALSE(faded.passes.back() == plain.passes.back());
+  }
+}
+
 TEST(Bake, ImagesAreBitIdenticalOnAnyNumberOfThreads) {
   std::string first;
   for (const unsigned threads : {1u, 2u, 3u, 8u}) {

@@ -3,7 +3,7 @@
 namespace kiln::bench {
 
 const ReadyScene& ball_at_1024() {
-  static const ReadyScene ready("cornell_geom", 91, 1024);
+  static const ReadyScene ready("bumpy_ball", 91, 1024);
   return ready;
 }
 

@@ -118,7 +118,7 @@ void bounces(benchmark::State& state, const char* generator, std::uint32_t page_
 
 constexpr auto kUnit = benchmark::kMillisecond;
 BENCHMARK_CAPTURE(import, cornell, "cornell")->Unit(kUnit);
-BENCHMARK_CAPTURE(import, cornell_geom, "cornell_geom")->Unit(kUnit);
+BENCHMARK_CAPTURE(import, bumpy_ball, "bumpy_ball")->Unit(kUnit);
 BENCHMARK_CAPTURE(import, room_textured, "room_textured")->Unit(kUnit);
 BENCHMARK(build_bvh)->Unit(kUnit);
 BENCHMARK_CAPTURE(atlas, existing, proto::Unwrap::kExisting)->Unit(kUnit);
@@ -128,11 +128,11 @@ BENCHMARK_CAPTURE(write_exr, half, proto::Precision::kHalf)->Unit(kUnit);
 BENCHMARK_CAPTURE(write_exr, float, proto::Precision::kFloat)->Unit(kUnit);
 BENCHMARK_CAPTURE(threads, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);
 BENCHMARK_CAPTURE(bounces, cornell, "cornell", 256)->Iterations(5)->UseManualTime()->Unit(kUnit);
-BENCHMARK_CAPTURE(bounces, cornell_geom, "cornell_geom", 1024)
+BENCHMARK_CAPTURE(bounces, bumpy_ball, "bumpy_ball", 1024)
     ->Iterations(2)
     ->UseManualTime()
     ->Unit(kUnit);
-BENCHMARK_CAPTURE(threads, cornell_geom, "cornell_geom", 256)
+BENCHMARK_CAPTURE(threads, bumpy_ball, "bumpy_ball", 256)
     ->Iterations(3)
     ->UseManualTime()
     ->Unit(kUnit);

@@ -27,6 +27,8 @@ class Comparison {
   };
   Rate gather, shadow;
 
+  /// @param first the first pass that counts
+  explicit Comparison(std::uint32_t first = 0) : first_(first) {}
   void begin(bool timing) { timing_ = timing; }
 
   /// After each batch, from the thread that made it.
@@ -34,6 +36,10 @@ class Comparison {
     const std::uint32_t pass = at.pass.plan().index, done = at.done, total = at.total;
     const double now = thread_seconds();
     if (tap_) tap_->stop(), taps_[{pass, done - 1}] = std::move(tap_);
+    if (pass < first_) {
+      start_ = now;
+      return;
+    }
     if (timing_) {
       if (const EmbreeTap* tap = find(pass, done - 1)) compare(*tap, now - start_);
       if (const EmbreeTap* tap = find(pass, done)) tap->replay();
@@ -59,6 +65,7 @@ class Comparison {
 
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::unique_ptr<EmbreeTap>> taps_;
   std::unique_ptr<EmbreeTap> tap_;  ///< of the batch under way
+  const std::uint32_t first_;
   double start_ = 0;
   bool timing_ = false;
 };
@@ -70,14 +77,10 @@ void put(benchmark::State& state, const std::string& name, const Comparison::Rat
   state.counters[name + "_percent_of_embree"] = 100 * rate.embree_s / rate.ours_s;
 }
 
-void trace_rate(benchmark::State& state) {
-  const ReadyScene& ready = ball_at_1024();
-  proto::SolverSettings settings;
-  settings.samples = std::uint32_t(state.range(0));
-  settings.direct_samples = std::uint32_t(state.range(0)) / 4;
-  settings.bounces = 1;
+/// Solves twice on one thread, and compares in the second.
+void compare(benchmark::State& state, const ReadyScene& ready,
+             const proto::SolverSettings& settings, Comparison& comparison) {
   const solver::World world = ready.world(settings);
-  Comparison comparison;
   baker::SolveHooks hooks;
   hooks.on_batch = [&](const baker::SolveProgress& at) { comparison.on_batch(at); };
   for (auto _ : state) {
@@ -89,10 +92,32 @@ void trace_rate(benchmark::State& state) {
     }
     state.SetIterationTime(comparison.gather.ours_s + comparison.shadow.ours_s);
   }
+}
+
+void trace_rate(benchmark::State& state) {
+  proto::SolverSettings settings;
+  settings.samples = std::uint32_t(state.range(0));
+  settings.direct_samples = std::uint32_t(state.range(0)) / 4;
+  settings.bounces = 1;
+  Comparison comparison;
+  compare(state, ball_at_1024(), settings, comparison);
   put(state, "gather", comparison.gather);
   put(state, "shadow", comparison.shadow);
 }
 
+/// A bounce of `pairwise` over all pairs of texels of a Cornell box.
+void pairwise_rate(benchmark::State& state) {
+  static const ReadyScene cornell("cornell", 0, 128);
+  proto::SolverSettings settings;
+  settings.method = proto::Method::kPairwise;
+  settings.direct_samples = 16;
+  settings.bounces = 1;
+  Comparison comparison(/*first=*/1);
+  compare(state, cornell, settings, comparison);
+  put(state, "pair", comparison.shadow);
+}
+
+BENCHMARK(pairwise_rate)->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
 BENCHMARK(trace_rate)
     ->ArgName("samples")
     ->Arg(64)

@@ -14,6 +14,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return 0;
   }
   FUZZ_REQUIRE(fuzz::scene_bytes(*scene) == bytes);
+  for (const scene::Camera& camera : scene->cameras)
+    FUZZ_REQUIRE(camera.half_height > 0 && math::is_finite(camera.position));
   for (std::uint32_t t = 0; t < scene->triangles.size(); ++t) {
     const math::Rgb albedo = scene::albedo_at(*scene, t, scene::kCentroid);
     FUZZ_REQUIRE(albedo.r >= 0 && albedo.g >= 0 && albedo.b >= 0);

@@ -5,7 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "baker/image/image.h"
 #include "clients/client.h"
+#include "proto/bake_settings.h"
 #include "tests/http/event_stream.h"
 #include "tests/http/program.h"
 
@@ -46,6 +48,64 @@ TEST_F(Bakes, ASceneWithoutSettingsBecomesVerifiedFiles) {
                                           "page_00.png"}));
   EXPECT_EQ(curl("-X DELETE " + job_url(id)).status, 204);
   EXPECT_EQ(curl(job_url(id, "/results")).status, 404);
+}
+
+TEST_F(Bakes, EveryMethodOfTheSettings) {
+  const auto scene = write_small_scene(folder.path());
+  for (const proto::Word& method : proto::kMethodNames) {
+    const nlohmann::json settings{{"atlas", {{"page_size", 256}}},
+                                  {"solver", {{"method", method.name}, {"samples", 16}}}};
+    const std::string id = post_job(program, scene, settings.dump());
+    const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+    ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+    const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+    EXPECT_EQ(manifest["settings"]["solver"]["method"], method.name);
+    EXPECT_GT(manifest["statistics"]["passes"].size(), 0u);
+  }
+}
+
+TEST_F(Bakes, ARadiosityMapTellsWhatItsSeriesLacks) {
+  const std::string id =
+      post_job(program, write_small_scene(folder.path()),
+               R"({"atlas":{"page_size":128},"solver":{"method":"radiosity_map","samples":100,
+          "direct_samples":40,"initial_samples":8,"light_sampling":"stratified",
+          "same_directions":true,"ambient_term":true}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+  const auto& passes = manifest["statistics"]["passes"];
+  EXPECT_EQ(passes.front()["name"], "direct");
+  EXPECT_EQ(passes[1]["name"], "trace");
+  EXPECT_EQ(passes.back()["name"], "iterations");
+  EXPECT_TRUE(passes.back().contains("standard_error"));
+  const bool told = std::ranges::any_of(manifest["warnings"], [](const auto& warning) {
+    return warning["code"] == "series_short_of_light";
+  });
+  EXPECT_TRUE(told) << manifest["warnings"];
+}
+
+TEST_F(Bakes, AMethodThatCantFinishFailsAndSaysWhatItWouldTake) {
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"),
+                                  R"({"solver":{"method":"pairwise"}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "failed") << done.body;
+  EXPECT_NE(done.body.find("too_expensive"), std::string::npos) << done.body;
+  EXPECT_NE(done.body.find("/solver/method"), std::string::npos) << done.body;
+}
+
+TEST_F(Bakes, DirectionsOfAHemicube) {
+  const std::string id = post_job(program, write_small_scene(folder.path()), R"({
+    "atlas": {"page_size": 256},
+    "solver": {"method": "directional", "samples": 64, "direction_set": "hemicube"},
+    "output": {"layers": ["irradiance", "indirect", "samples"]}})");
+  const Answer done = curl("'" + job_url(id, "?wait=60") + "'");
+  ASSERT_EQ(member(done.body, "state"), "succeeded") << done.body;
+  const auto manifest = nlohmann::json::parse(curl(job_url(id, "/results/manifest.json")).body);
+  EXPECT_EQ(manifest["settings"]["solver"]["direction_set"], "hemicube");
+  const auto& passes = manifest["statistics"]["passes"];
+  EXPECT_EQ(passes[0]["name"], "direct");
+  EXPECT_EQ(passes[1]["name"], "bounce");
+  EXPECT_EQ(passes[1]["rays"].get<std::uint64_t>() % 48, 0u) << "cells of a hemicube of 4 x 4";
 }
 
 TEST_F(Bakes, ADownloadIsResumedByRange) {
@@ -129,6 +189,107 @@ TEST_F(Bakes, APreviewWhileItRunsAndAfterwards) {
     EXPECT_EQ(curl("'" + job_url(id, std::string("/preview") + query) + "'").status, 400) << query;
 }
 
+/// Returns the bytes of the colors of a PNG.
+std::vector<std::uint8_t> pixels(const std::string& png) {
+  const auto header = image::read_header(png);
+  if (!header) return {};
+  std::vector<std::array<std::uint8_t, 4>> texels(std::size_t(header->size.width) *
+                                                  header->size.height);
+  if (!image::decode_rgba8(*header, texels, {})) return {};
+  std::vector<std::uint8_t> rgb;
+  for (const auto& texel : texels) rgb.insert(rgb.end(), texel.begin(), texel.begin() + 3);
+  return rgb;
+}
+
+TEST_F(Bakes, PreviewsHaveTheToneCurveOfTheSettings) {
+  const std::string id =
+      post_job(program, write_scene(folder.path(), "cornell"),
+               R"({"atlas":{"page_size":64},"solver":{"samples":8},"output":{"tone_curve":0.05}})");
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=30") + "'").body, "state"), "succeeded");
+  const auto brightest = [&](const std::string& rest) {
+    const auto rgb = pixels(curl("'" + job_url(id, rest) + "'").body);
+    return rgb.empty() ? 0 : int(*std::ranges::max_element(rgb));
+  };
+  for (const char* picture : {"/preview", "/results/page_00.png"})
+    EXPECT_EQ(brightest(picture), 243) << picture << ": 255 / 1.05, not scaled to white";
+  EXPECT_EQ(brightest("/view?size=64x64"), 243);
+  EXPECT_EQ(brightest("/preview?exposure=1000"), 255) << "the usual curve";
+}
+
+TEST_F(Bakes, PreviewsOfARunningBakeFade) {
+  // Pictures after some passes; the jobs would go on for long.
+  const auto picture = [&](const char* fade) {
+    const std::string settings =
+        R"({"atlas":{"page_size":128},"solver":{"method":"radiosity_map","samples":65536},
+            "output":{"preview_fade":)" +
+        std::string(fade) + "}}";
+    const std::string id = post_job(program, write_scene(folder.path(), "cornell"), settings);
+    Answer seen;
+    // The ETag is "attempt-pass".
+    const auto pass = [&] {
+      return seen.status == 200 ? std::atoi(seen.headers.at("etag").c_str() + 3) : 0;
+    };
+    do {
+      seen = ask(program.port(), "GET", "/v1/jobs/" + id + "/preview?exposure=1e-3");
+    } while (seen.status == 425 || (seen.status == 200 && pass() < 8));
+    EXPECT_EQ(seen.status, 200) << seen.body;
+    EXPECT_LT(pass(), 30);
+    const Answer state = ask(program.port(), "GET", "/v1/jobs/" + id);
+    EXPECT_EQ(member(state.body, "state"), "running");
+    ask(program.port(), "POST", "/v1/jobs/" + id + "/cancel");
+    return pixels(seen.body);
+  };
+  const auto faded = picture("0.01"), plain = picture("1");
+  ASSERT_EQ(faded.size(), plain.size());
+  double sums[2] = {};
+  for (std::size_t i = 0; i < plain.size(); ++i)
+    sums[0] += double(faded[i]), sums[1] += double(plain[i]);
+  EXPECT_GT(sums[0], 0.1 * sums[1]) << "it begins with the direct light";
+  EXPECT_LT(sums[0], 0.9 * sums[1]) << "it has little of the bounces yet";
+}
+
+TEST_F(Bakes, LayersThatNeedTheSolverOnThePageAndOnTheModel) {
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), R"({
+    "atlas": {"page_size": 64},
+    "solver": {"method": "pairwise", "direct_samples": 16, "bounces": 1,
+               "undersampling": "monte_carlo", "window": 4, "voxel_march": "fixed_steps"},
+    "output": {"layers": ["irradiance", "mip", "tree", "senders", "voxels", "error"]},
+    "report": {"against": "path", "samples": 16}})");
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=60") + "'").body, "state"), "succeeded");
+  std::set<std::string> pictures;
+  for (const char* layer : {"irradiance", "mip", "tree", "senders", "voxels", "error"}) {
+    const Answer view =
+        curl("'" + job_url(id, "/view?size=80x60&layer=" + std::string(layer)) + "'");
+    EXPECT_EQ(view.status, 200) << layer << view.body;
+    pictures.insert(view.body);
+    if (layer == std::string("irradiance")) continue;
+    const Answer page = curl(job_url(id, "/results/page_00." + std::string(layer) + ".png"));
+    EXPECT_EQ(page.status, 200) << layer << page.body;
+    EXPECT_TRUE(page.body.starts_with("\x89PNG")) << layer;
+  }
+  EXPECT_EQ(pictures.size(), 6u) << "each shows something else";
+}
+
+TEST_F(Bakes, AViewOfTheFinishedJob) {
+  const std::string settings =
+      R"({"atlas":{"page_size":64},"solver":{"samples":8},"output":{"layers":["irradiance","normal"]}})";
+  const std::string id = post_job(program, write_scene(folder.path(), "cornell"), settings);
+  ASSERT_EQ(member(curl("'" + job_url(id, "?wait=30") + "'").body, "state"), "succeeded");
+  const Answer light = curl("'" + job_url(id, "/view?size=80x60") + "'");
+  EXPECT_EQ(light.status, 200) << light.body;
+  EXPECT_EQ(light.headers.at("content-type"), "image/png");
+  EXPECT_TRUE(light.body.starts_with("\x89PNG\r\n"));
+  const Answer again = curl("'" + job_url(id, "/view?size=80x60") + "'");
+  EXPECT_EQ(again.body, light.body) << "the same request, the same picture";
+  const Answer normal = curl("'" + job_url(id, "/view?size=80x60&layer=normal") + "'");
+  EXPECT_EQ(normal.status, 200) << normal.body;
+  EXPECT_NE(normal.body, light.body);
+  const Answer none = curl("'" + job_url(id, "/view?layer=albedo") + "'");
+  EXPECT_EQ(none.status, 404);
+  EXPECT_NE(none.body.find("/query/layer"), std::string::npos) << none.body;
+  EXPECT_EQ(curl("'" + job_url(id, "/view?camera=door") + "'").status, 404);
+}
+
 TEST_F(Bakes, ACancelTakesLessThanASecond) {
   const std::string id = post_job(program, write_scene(folder.path(), "cornell"), kLongBake);
   EventStream stream(program.port(), id);
@@ -172,6 +333,10 @@ TEST_F(Bakes, WhatIsWrongWithTheInputIsNamedBeforeAJobExists) {
          "/solver/samples");
   expect(settings(R"({"atlas":{"gutter":-1}})"), 422, "invalid_settings", "settings",
          "/atlas/gutter");
+  expect(settings(R"({"output":{"layers":["error"]}})"), 422, "invalid_settings", "settings",
+         "/output/layers");
+  expect(settings(R"({"output":{"tone_curve":0.1,"exposure":2}})"), 422, "invalid_settings",
+         "settings", "/output/tone_curve");
   expect(settings(R"({"a/b":1})"), 422, "invalid_settings", "settings", "/a~1b");
   expect(settings("{"), 400, "invalid_json", "", "");
   expect(text("no.glb", "PNG is no scene"), 422, "invalid_scene", "scene", "");

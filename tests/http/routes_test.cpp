@@ -251,7 +251,7 @@ TEST(Routes, CancelAndNotReady) {
   const Live live(fake.holding());
   const std::string id = post_job(live.port()), path = "/v1/jobs/" + id;
   EXPECT_EQ(wait_for_state(live.port(), id, "running"), "running");
-  for (const char* what : {"/results", "/results/page_00.exr", "/preview"}) {
+  for (const char* what : {"/results", "/results/page_00.exr", "/preview", "/view"}) {
     const Answer early = ask(live.port(), "GET", path + what);
     EXPECT_EQ(early.status, 425) << what;
     EXPECT_TRUE(early.headers.contains("retry-after"));

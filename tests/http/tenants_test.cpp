@@ -46,7 +46,7 @@ TEST_F(Tenants, SeeNothingOfEachOther) {
   EXPECT_EQ(member(art("GET", path + "?wait=20").body, "state"), "succeeded");
 
   for (const std::string below :
-       {"", "?wait=1", "/events", "/results", "/results/page_00.exr", "/preview"})
+       {"", "?wait=1", "/events", "/results", "/results/page_00.exr", "/preview", "/view"})
     EXPECT_EQ(game("GET", path + below).status, 404) << below;
   EXPECT_EQ(game("DELETE", path).status, 404);
   EXPECT_EQ(game("PATCH", path, {}, "{}").status, 404);

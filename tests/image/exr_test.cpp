@@ -141,6 +141,35 @@ TEST(Exr, AHugeSizeIsRefusedBeforeMemoryIsTaken) {
   }
 }
 
+TEST(Exr, ReadsALayerByItsName) {
+  const TempFolder folder;
+  PageImage first = gradient(70, 66), other = first;
+  for (math::Rgb& v : other.rgb) v = {v.g, 3, v.r};
+  const std::vector<ExrLayer> layers{{"irradiance", &first}, {"direct", &other}};
+  const std::vector<std::pair<std::string, std::string>> named{
+      {"lightkiln:layers", "irradiance,direct"}};
+  for (const auto precision : {proto::Precision::kHalf, proto::Precision::kFloat}) {
+    ASSERT_TRUE(write_exr(folder.path() / "a.exr", layers, precision, named));
+    for (const char* name : {"", "irradiance"})
+      EXPECT_EQ(read_exr(folder.path() / "a.exr", name)->rgb, first.rgb) << name;
+    const auto direct = read_exr(folder.path() / "a.exr", "direct");
+    ASSERT_TRUE(direct) << direct.error().message;
+    EXPECT_EQ(direct->rgb, other.rgb);
+    EXPECT_EQ(direct->coverage, read_exr(folder.path() / "a.exr")->coverage);
+  }
+  for (const char* name : {"raw", "R", "direct.R", "direct,irradiance", "irradiance,direct"}) {
+    const auto missing = read_exr(folder.path() / "a.exr", name);
+    ASSERT_FALSE(missing) << name;
+    EXPECT_EQ(missing.error().code, "invalid_image");
+    EXPECT_NE(missing.error().message.find("its layers are irradiance, direct"), std::string::npos)
+        << missing.error().message;
+  }
+  // A file of others does not say how R, G, B are called.
+  ASSERT_TRUE(write_exr(folder.path() / "b.exr", layers, proto::Precision::kHalf, {}));
+  EXPECT_EQ(read_exr(folder.path() / "b.exr", "direct")->rgb, other.rgb);
+  EXPECT_FALSE(read_exr(folder.path() / "b.exr", "irradiance"));
+}
+
 TEST(Png, HoldsItsPixelsAndNoDate) {
   std::vector<std::array<std::uint8_t, 3>> pixels(20 * 10);
   for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = {std::uint8_t(i), 7, 200};

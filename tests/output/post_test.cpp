@@ -120,54 +120,52 @@ TEST(ToneMap, BlackPagesAndLonelySpots) {
 TEST(ToneMap, MonotoneFromBlackToWhiteAtFour) {
   std::vector<float> ramp;
   for (int i = 0; i <= 500; ++i) ramp.push_back(float(i) * 0.01f);
-  const auto pixels = tone_map(row_of(ramp), 1);
+  const auto pixels = tone_map(row_of(ramp), {});
   EXPECT_EQ(pixels[0][0], 0);
   EXPECT_LT(pixels[390][0], 255);
   EXPECT_EQ(pixels[400][0], 255);
   for (std::size_t i = 1; i < pixels.size(); ++i) EXPECT_GE(pixels[i][0], pixels[i - 1][0]);
   // 0.8 * (1 + 0.8 / 16) / 1.8 = 0.46667, in sRGB 0.7132.
-  EXPECT_EQ(tone_map(row_of({80}), 0.01f)[0][1], 182);
+  EXPECT_EQ(tone_map(row_of({80}), {0.01f})[0][1], 182);
+}
+
+TEST(ToneMap, TheCurveOfAConstantGoesByTheBrightestValue) {
+  image::PageImage image = row_of({200, 100, 10, 0});
+  image.rgb.push_back({1e6f, 1e6f, 1e6f});  // padding does not count
+  image.coverage.push_back(0);
+  const Tone tone = tone_of(image, {}, 0.1f);
+  EXPECT_EQ(tone.k, 0.1f);
+  EXPECT_FLOAT_EQ(tone.exposure, 1 / 200.f);
+  const auto pixels = tone_map(image, tone);
+  EXPECT_EQ(pixels[0][0], 232) << "1 / 1.1 of 255, not scaled to white";
+  EXPECT_EQ(pixels[1][0], 213) << "0.5 / 0.6";
+  EXPECT_EQ(pixels[2][0], 85) << "0.05 / 0.15";
+  EXPECT_EQ(pixels[3][0], 0);
+  EXPECT_EQ(pixels[4][0], 255);
+}
+
+TEST(ToneMap, AnExposureThatIsGivenTakesTheUsualCurve) {
+  const image::PageImage image = row_of({200, 100});
+  EXPECT_EQ(tone_of(image, 0.5f, 0.1f).exposure, 0.5f);
+  EXPECT_FALSE(tone_of(image, 0.5f, 0.1f).k);
+  EXPECT_EQ(tone_of(image, {}, {}).exposure, automatic_exposure(image));
+  EXPECT_EQ(tone_of(row_of({0, 0}), {}, 0.1f).exposure, 1);
+  EXPECT_EQ(tone_of(row_of({5, 5}, 0), {}, 0.1f).exposure, 1);
 }
 
 TEST(ToneMap, NothingBreaksTheByteRange) {
   const float inf = std::numeric_limits<float>::infinity();
-  const auto pixels = tone_map(row_of({-1, inf, std::nanf("")}), 1);
+  const auto pixels = tone_map(row_of({-1, inf, std::nanf("")}), {});
   EXPECT_EQ(pixels[0][0], 0);
   EXPECT_EQ(pixels[1][0], 255);
   EXPECT_EQ(pixels[2][0], 0);
-}
-
-TEST(Compare, KnownFigures) {
-  image::PageImage reference{2, 1, {{1, 2, 3}, {2, 2, 2}}, {1, 1}};
-  image::PageImage candidate{2, 1, {{2, 2, 3}, {2, 0, 2}}, {1, 1}};
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.texels, 2u);
-  EXPECT_DOUBLE_EQ(r.mean_reference, 2);
-  EXPECT_DOUBLE_EQ(r.rmse, std::sqrt(5.0 / 6));
-  EXPECT_DOUBLE_EQ(r.nrmse, std::sqrt(5.0 / 6) / 2);
-  EXPECT_DOUBLE_EQ(r.bias, -1.0 / 6 / 2);
-  EXPECT_DOUBLE_EQ(r.max_abs, 2);
-  EXPECT_DOUBLE_EQ(r.dfpr, (1 + 2) / 2.0);
-  const double a = 1 / 1.04, b = 2 / 2.04;
-  EXPECT_DOUBLE_EQ(r.rel_rmse, std::sqrt((a * a + b * b) / 6));
-}
-
-TEST(Compare, OnlyTexelsLitInBoth) {
-  image::PageImage reference{3, 1, {{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {1, 1, 0}};
-  image::PageImage candidate{3, 1, {{1, 1, 1}, {9, 9, 9}, {9, 9, 9}}, {1, 0, 1}};
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.texels, 1u);
-  EXPECT_EQ(r.uncovered, 1u);
-  EXPECT_EQ(r.rmse, 0);
-}
-
-TEST(Compare, CountsWhatIsNotFinite) {
-  image::PageImage reference = row_of({1, 1});
-  image::PageImage candidate = row_of({1, std::nanf("")});
-  const CompareResult r = compare(reference, candidate);
-  EXPECT_EQ(r.nonfinite, 1u);
-  EXPECT_DOUBLE_EQ(r.rmse, std::sqrt(0.5));
-  EXPECT_EQ(compare(row_of({0}, 0), row_of({0}, 0)).texels, 0u);
+  const image::PageImage wild = row_of({-1, inf, std::nanf(""), 3});
+  const Tone tone = tone_of(wild, {}, 0.02f);
+  EXPECT_FLOAT_EQ(tone.exposure, 1 / 3.f);
+  const auto curved = tone_map(wild, tone);
+  EXPECT_EQ(curved[0][0], 0);
+  EXPECT_EQ(curved[1][0], 255);
+  EXPECT_EQ(curved[2][0], 0);
 }
 
 }  // namespace

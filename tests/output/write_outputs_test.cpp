@@ -1,7 +1,11 @@
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
 
 #include "baker/generate/generate.h"
+#include "baker/image/image.h"
+#include "baker/output/layers.h"
 #include "baker/upload_reader.h"
 #include "proto/files.h"
 #include "proto/json.h"
@@ -20,6 +24,7 @@ struct Baked {
   lightmap::Lightmap light;
   proto::BakeSettings settings;
   proto::Manifest manifest;
+  std::map<std::string, TexelValue> made;
   exec::ThreadPool pool{2};
 
   Baked() {
@@ -50,8 +55,8 @@ struct Baked {
     const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
       return source.write_lit(path, scene, atlas, pages, std::move(until));
     };
-    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered}, settings,
-                         manifest, pool, stop);
+    return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered, {}, made},
+                         settings, manifest, pool, stop);
   }
 };
 
@@ -126,6 +131,132 @@ TEST(WriteOutputs, LayersAndFormatsAreThoseAskedFor) {
   ASSERT_EQ(baked.manifest.files.size(), 2u);
   EXPECT_EQ(baked.manifest.pages[0].preview, "");
   EXPECT_NE(test::read_bytes(baked.out() / "page_00.exr").find("indirect.R"), std::string::npos);
+}
+
+std::vector<std::string> all_layers() {
+  std::vector<std::string> names;
+  for (const Layer& layer : layers()) names.emplace_back(layer.name);
+  return names;
+}
+
+/// Asks for all layers. Those that whoever bakes has to make hold the numbers of the texels.
+void ask_for_all(Baked& baked) {
+  baked.settings.output.layers = all_layers();
+  for (const Layer& layer : layers())
+    if (!layer.value)
+      baked.made[layer.name] = [](std::uint32_t t) { return math::Rgb{float(t), 1, 2}; };
+}
+
+TEST(WriteOutputs, EveryLayerHasAPicture) {
+  Baked baked;
+  ask_for_all(baked);
+  ASSERT_TRUE(baked.write());
+  std::set<std::string> listed;
+  for (const auto& file : baked.manifest.files) listed.insert(file.name);
+  for (const std::string& name : all_layers()) {
+    if (name == "irradiance") continue;  // the preview
+    const std::string file = "page_00." + name + ".png";
+    EXPECT_TRUE(listed.contains(file)) << file;
+    const std::string png = test::read_bytes(baked.out() / file);
+    ASSERT_TRUE(png.starts_with("\x89PNG")) << file;
+    const auto header = image::read_header(png);
+    ASSERT_TRUE(header);
+    EXPECT_EQ(header->size.width, 64u);
+  }
+  EXPECT_FALSE(listed.contains("page_00.irradiance.png"));
+}
+
+TEST(WriteOutputs, LayersOfTheSurfaceAreThoseOfItsTexels) {
+  Baked baked;
+  ask_for_all(baked);
+  baked.settings.output.precision = proto::Precision::kFloat;
+  for (std::uint32_t i = 0; i < baked.texels.size(); ++i)
+    baked.light.validity[i] = i % 2 == 0 ? 1.f : 0.25f;
+  ASSERT_TRUE(baked.write());
+  const auto layer = [&](const char* name) {
+    return image::read_exr(baked.out() / "page_00.exr", name).value();
+  };
+  const auto position = layer("position"), normal = layer("normal"), albedo = layer("albedo"),
+             area = layer("area"), coverage = layer("coverage"), validity = layer("validity"),
+             emission = layer("emission"), chart = layer("chart"), checker = layer("texel_checker");
+  const atlas::TextureGroup& texels = baked.texels;
+  const auto rgb = [](math::Vec3 v) { return math::Rgb{v.x, v.y, v.z}; };
+  std::uint32_t emitting = 0;
+  std::map<std::uint32_t, math::Rgb> colors;
+  for (std::uint32_t t = 0; t < texels.front_count; ++t) {
+    const std::size_t at = std::size_t(texels.y[t]) * position.width + texels.x[t];
+    EXPECT_EQ(position.rgb[at], rgb(texels.position[t]));
+    EXPECT_EQ(normal.rgb[at], rgb(texels.shading_normal[t]));
+    EXPECT_EQ(albedo.rgb[at], texels.albedo[t]);
+    EXPECT_EQ(area.rgb[at].g, texels.area_m2[t]);
+    EXPECT_EQ(coverage.rgb[at].b, texels.coverage[t]);
+    EXPECT_EQ(validity.rgb[at].r, t % 2 == 0 ? 1.f : 0.25f);
+    // A texel of the lamp has the light of the lamp's material, all others have none.
+    const math::Rgb emitted = baked.scene.material_of(texels.triangle[t]).emission;
+    EXPECT_NEAR(emission.rgb[at].r, emitted.r, 1e-4f * emitted.r) << t;
+    emitting += !is_black(emission.rgb[at]);
+    const auto [color, is_new] = colors.try_emplace(texels.chart[t], chart.rgb[at]);
+    EXPECT_EQ(color->second, chart.rgb[at]) << "one color a chart";
+    const std::int32_t right = texels.neighbor(t, 1, 0);
+    if (right != atlas::kNoTexel) {
+      const float difference = luminance(checker.rgb[at]) - luminance(checker.rgb[at + 1]);
+      EXPECT_GT(std::abs(difference), 0.3f);
+    }
+  }
+  EXPECT_GT(emitting, 0u);
+  EXPECT_LT(emitting, texels.front_count);
+  ASSERT_GT(colors.size(), 1u);
+  for (const auto& [a, color] : colors)
+    for (const auto& [b, other] : colors)
+      if (a != b) {
+        EXPECT_NE(color, other) << a << " " << b;
+      }
+}
+
+TEST(WriteOutputs, LayersThatAreMadeAboveHaveTheirValues) {
+  Baked baked;
+  ask_for_all(baked);
+  baked.settings.output.precision = proto::Precision::kFloat;
+  ASSERT_TRUE(baked.write());
+  EXPECT_EQ(baked.made.size(), 5u);
+  for (const auto& [name, value] : baked.made) {
+    const auto layer = image::read_exr(baked.out() / "page_00.exr", name).value();
+    for (std::uint32_t t = 0; t < baked.texels.front_count; ++t)
+      EXPECT_EQ(layer.rgb[std::size_t(baked.texels.y[t]) * layer.width + baked.texels.x[t]],
+                value(t));
+  }
+  baked.made.erase("tree");
+  const auto ok = baked.write();
+  ASSERT_FALSE(ok) << "a layer without values is not written as something else";
+  EXPECT_EQ(ok.error().code, "internal");
+}
+
+TEST(WriteOutputs, AToneCurveIsForPicturesAlone) {
+  Baked plain, curved;
+  curved.settings.output.tone_curve = 0.05f;
+  for (Baked* baked : {&plain, &curved}) {
+    baked->settings.output.layers = {"irradiance", "direct", "emission", "normal"};
+    ASSERT_TRUE(baked->write());
+  }
+  const auto same = [&](const char* name) {
+    return test::read_bytes(plain.out() / name) == test::read_bytes(curved.out() / name);
+  };
+  const proto::PageInfo& page = curved.manifest.pages[0];
+  EXPECT_FLOAT_EQ(page.preview_exposure, 1 / page.max_lx);
+  EXPECT_TRUE(same("lit.glb"));
+  EXPECT_TRUE(same("page_00.normal.png"));
+  for (const char* name : {"page_00.png", "page_00.direct.png", "page_00.emission.png"})
+    EXPECT_FALSE(same(name)) << name;
+}
+
+TEST(WriteOutputs, APositionBeyondHalfIsWrittenAsFloat) {
+  Baked baked;
+  baked.settings.output.layers = {"irradiance", "position"};
+  for (auto& p : baked.texels.position) p.z -= 100'000;
+  ASSERT_TRUE(baked.write());
+  ASSERT_EQ(baked.manifest.warnings.size(), 1u);
+  EXPECT_EQ(baked.manifest.warnings[0].code, "half_overflow");
+  EXPECT_NE(baked.manifest.warnings[0].message.find("position"), std::string::npos);
 }
 
 TEST(WriteOutputs, TheExposureIsAutomaticUnlessSet) {

@@ -41,7 +41,18 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "solver": {"method": "path", "bounces": 5, "samples": 99, "direct_samples": 17,
                "hit_memory_mib": 12, "coarse_indirect": false,
                 "ray_pattern": "block", "tolerance": 0.1, "seed": 9007199254740991,
-                "without": ["shadow_probes", "low_discrepancy"]},
+                "without": ["shadow_probes", "low_discrepancy"], "pair_samples": 4,
+               "reflectivity_factor": 0.9, "distance_factor": 1.5, "window": 4,
+               "undersampling": "monte_carlo", "sender_seed": "receiver",
+               "iteration": "gauss_seidel", "batch_texels": 33, "max_contribution": 0.05,
+               "max_view_factor": 0.25, "subdivision_threshold": null, "subdivision_ramp": 0.01,
+               "subdivision_max_node": 16, "visibility": "voxel", "visibility_cache_mib": 64,
+               "voxel_grid": 32, "voxel_march": "fixed_steps", "voxel_ratio": 0.75,
+               "direction_set": "hemicube", "rotate_directions": false, "mip_radiosity": false,
+               "rtrad_compat": false, "series": "unbiased", "initial_samples": 8,
+               "same_directions": true, "light_sampling": "stratified", "ambient_term": true,
+               "emitters": "explicit", "near_field": false, "link_error": 0.5,
+               "allow_expensive": true},
     "sky": {"radiance": [0.1, 2, 3000.7], "map": "skies/n\u00f6n.exr", "scale": 0.5,
             "rotation": -90},
     "lights": [
@@ -54,10 +65,14 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "allow_dark": true,
     "post": {"filter": false, "dilate": 0},
     "output": {"precision": "float", "layers": ["indirect", "direct"], "formats": ["glb"],
-               "exposure": 0.0125}})";
+               "exposure": 0.0125, "tone_curve": null, "preview_fade": 0.25},
+    "report": {"against": "refs/page_00.exr", "samples": 12, "error_scale": 2.5}})";
   const auto settings = parse_settings(text);
   ASSERT_TRUE(settings) << settings.error().message;
   EXPECT_EQ(to_json(*settings), json::parse(text));
+  EXPECT_FALSE(settings->report.method());
+  EXPECT_EQ(parse_settings(R"({"report": {"against": "matrix"}})")->report.method(),
+            Method::kMatrix);
   EXPECT_EQ(settings->solver.seed, (1ull << 53) - 1);
   EXPECT_EQ(settings->atlas.unwrap, Unwrap::kExisting);
   EXPECT_EQ(settings->solver.method, Method::kPath);
@@ -84,12 +99,25 @@ TEST(Settings, AllProblemsAreToldAtOnce) {
   EXPECT_EQ(places["/solver/samples"],
             "expected an integer from 1 to 65536, or null (samples/texel), found 0");
   EXPECT_EQ(places["/solver/seed"], "expected an integer from 0 to 9007199254740991, found -1");
-  EXPECT_EQ(places["/solver/method"], "expected one of \"gather\", \"path\", found \"magic\"");
+  EXPECT_EQ(places["/solver/method"],
+            "expected one of \"gather\", \"path\", \"pairwise\", \"matrix\", \"radiosity_map\", "
+            "\"directional\", \"links\", found \"magic\"");
   EXPECT_EQ(places["/atlas"], "expected an object, found 5");
   EXPECT_EQ(places["/postt"], "unknown setting \"postt\"; did you mean \"post\"?");
   EXPECT_EQ(places["/lights/1"], "expected an object, found 3");
   EXPECT_EQ(places["/allow_dark"], "expected true or false, found \"yes\"");
   EXPECT_NE(e.message.find("(and 7 more)"), std::string::npos);
+}
+
+TEST(Settings, PairsThatMakeNoSenseTogetherAreTold) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"iteration": "shooting", "undersampling": "stride"}})"),
+            "/solver/iteration");
+  EXPECT_EQ(pointer_of(R"({"solver": {"visibility": "cached", "pair_samples": 2}})"),
+            "/solver/visibility");
+  EXPECT_EQ(pointer_of(R"({"solver": {"visibility": "cached", "undersampling": "mipmap"}})"),
+            "/solver/visibility");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"visibility": "cached", "undersampling": "stride"}})"));
+  EXPECT_TRUE(parse_settings(R"({"solver": {"visibility": "voxel", "pair_samples": 2}})"));
 }
 
 TEST(Settings, HostileDocumentsGiveSmallErrors) {
@@ -135,9 +163,69 @@ TEST(Settings, ListsOfWords) {
   EXPECT_TRUE(parse_settings(R"({"output": {"formats": ["png"]}})"));
 }
 
+TEST(Settings, ALayerOfErrorsNeedsAReference) {
+  const std::string layers = R"({"output": {"layers": ["irradiance", "error"]})";
+  EXPECT_EQ(pointer_of(layers + "}"), "/output/layers");
+  EXPECT_EQ(pointer_of(layers + R"(, "report": {"against": null}})"), "/output/layers");
+  EXPECT_TRUE(parse_settings(layers + R"(, "report": {"against": "path"}})"));
+}
+
+TEST(Settings, ALayerOfTheQuadtreeNeedsItsNodes) {
+  EXPECT_TRUE(parse_settings(R"({"solver": {"subdivision_max_node": 12}})"));
+  EXPECT_EQ(
+      pointer_of(R"({"solver": {"subdivision_max_node": 12}, "output": {"layers": ["tree"]}})"),
+      "/solver/subdivision_max_node");
+  EXPECT_TRUE(parse_settings(
+      R"({"solver": {"subdivision_max_node": 16}, "output": {"layers": ["tree"]}})"));
+}
+
+TEST(Settings, AToneCurveAndAnExposureExcludeEachOther) {
+  EXPECT_EQ(parse_settings(R"({"output": {"tone_curve": 0.05}})")->output.tone_curve, 0.05f);
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": 0.05, "exposure": 1}})"), "/output/tone_curve");
+  EXPECT_TRUE(parse_settings(R"({"output": {"tone_curve": 0.05, "exposure": null}})"));
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": 0}})"), "/output/tone_curve");
+  EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": true}})"), "/output/tone_curve");
+}
+
+TEST(Settings, PreviewsGoSomeOfTheWay) {
+  EXPECT_EQ(parse_settings("{}")->output.preview_fade, 1);
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": 0}})"), "/output/preview_fade");
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": 1.5}})"), "/output/preview_fade");
+  EXPECT_EQ(pointer_of(R"({"output": {"preview_fade": null}})"), "/output/preview_fade");
+}
+
 TEST(Settings, GutterMustLeaveRoomOnThePage) {
   EXPECT_EQ(pointer_of(R"({"atlas": {"page_size": 16, "gutter": 8}})"), "/atlas/gutter");
   EXPECT_TRUE(parse_settings(R"({"atlas": {"page_size": 16, "gutter": 7}})"));
+}
+
+TEST(Settings, DirectionsMustBeOnesThatThereAre) {
+  const auto directional = [](const std::string& more) {
+    return R"({"solver": {"method": "directional", )" + more + "}}";
+  };
+  EXPECT_TRUE(parse_settings(directional(R"("samples": 4096)")));
+  EXPECT_EQ(pointer_of(directional(R"("samples": 4097)")), "/solver/samples");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"method": "path", "samples": 4097}})"));
+  EXPECT_TRUE(parse_settings(directional(R"("rtrad_compat": true)")));
+  EXPECT_EQ(pointer_of(directional(R"("rtrad_compat": true, "direction_set": "hemicube")")),
+            "/solver/rtrad_compat");
+}
+
+TEST(Settings, EmittersSendTheirLightInSomeMethods) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport"}})"), "/solver/emitters");
+  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "radiosity_map"}})"),
+            "/solver/emitters");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"emitters": "transport", "method": "pairwise"}})"));
+}
+
+TEST(Settings, AQuadtreeAndWindowsExcludeEachOther) {
+  EXPECT_EQ(pointer_of(R"({"solver": {"subdivision_threshold": 0.1, "undersampling": "mipmap"}})"),
+            "/solver/subdivision_threshold");
+  EXPECT_TRUE(parse_settings(R"({"solver": {"undersampling": "mipmap"}})"));
+  EXPECT_EQ(pointer_of(R"({"solver": {"subdivision_threshold": 0.1, "subdivision_max_node": 12}})"),
+            "/solver/subdivision_max_node");
+  EXPECT_TRUE(
+      parse_settings(R"({"solver": {"subdivision_threshold": 0.1, "subdivision_max_node": 16}})"));
 }
 
 std::string light(const std::string& members) {

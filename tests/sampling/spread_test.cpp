@@ -88,7 +88,7 @@ TEST_P(Spreads, AreTheErrorBetweenSeeds) {
 }
 
 INSTANTIATE_TEST_SUITE_P(OfEveryLight, Spreads,
-                         testing::Values("cornell", "cornell_geom", "many_lights", "room_textured",
+                         testing::Values("cornell", "bumpy_ball", "many_lights", "room_textured",
                                          "courtyard"),
                          [](const auto& of) { return of.param; });
 

@@ -5,6 +5,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <cstring>
 #include <functional>
 
@@ -43,6 +44,7 @@ Scene rich_scene() {
   spot.intensity = {1, 2, 3};
   spot.cos_inner = 0.9f;
   scene.lights.push_back(spot);
+  scene.cameras.push_back({"grün", {1, 2, 3}, {0, 0, 1}, {0, 1, 0}, true, 2.5f});
   scene.sky_map = {4, 2, std::vector<math::Rgb>(8, {1, 2, 3})};
   scene.warnings.push_back({"some_code", "/nodes/1", "grüße"});
   return scene;
@@ -107,6 +109,28 @@ TEST(SceneFile, GivesBackTheSkyMap) {
   EXPECT_EQ(back->sky_map.height, 2u);
   EXPECT_EQ(back->sky_map.texels, rich_scene().sky_map.texels);
   EXPECT_TRUE(bytes_of(*back) == bytes);
+}
+
+TEST(SceneFile, GivesBackTheCameras) {
+  const std::string bytes = bytes_of(rich_scene());
+  const auto back = read_scene_file(bytes, kKey);
+  ASSERT_TRUE(back);
+  ASSERT_EQ(back->cameras.size(), 1u);
+  const Camera& camera = back->cameras[0];
+  EXPECT_EQ(camera.name, "grün");
+  EXPECT_EQ(camera.position, (math::Vec3{1, 2, 3}));
+  EXPECT_EQ(camera.forward, (math::Vec3{0, 0, 1}));
+  EXPECT_TRUE(camera.orthographic);
+  EXPECT_EQ(camera.half_height, 2.5f);
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].half_height = 0; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].half_height = NAN; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].forward = {}; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].up = {9, 9, 9}; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].position.y = INFINITY; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].name = "\xff"; }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras[0].name.assign(300, 'x'); }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras.resize(Camera::kMost + 1); }), "bad_document");
+  EXPECT_EQ(code_with([](Scene& s) { s.cameras.resize(Camera::kMost); }), "");
 }
 
 TEST(SceneFile, FlippedBitsAreAnErrorOrAnotherValidScene) {

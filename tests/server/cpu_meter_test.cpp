@@ -24,6 +24,20 @@ TEST(CpuMeter, SharesTheTimeAmongThoseWhoRun) {
   EXPECT_DOUBLE_EQ(b->seconds(), 5);
 }
 
+TEST(CpuMeter, LeavesOutWhatWasNotTheJobs) {
+  double now = 100;
+  CpuMeter meter([&] { return now; });
+  const CpuMeter::Run run(meter);
+  now = 110;
+  meter.leave_out(3);
+  EXPECT_DOUBLE_EQ(run.seconds(), 7);
+  meter.leave_out(2);  // which the run has been given already
+  now = 111;
+  EXPECT_DOUBLE_EQ(run.seconds(), 7) << "never less";
+  now = 115;
+  EXPECT_DOUBLE_EQ(run.seconds(), 10);
+}
+
 TEST(CpuMeter, ReadsTheClockOfTheProcess) {
   CpuMeter meter;
   const CpuMeter::Run run(meter);

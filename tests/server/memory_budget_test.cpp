@@ -34,6 +34,26 @@ struct Shared : testing::Test {
   }
 };
 
+TEST_F(Shared, ALoanIsOfWhatBakesHaveLeft) {
+  std::atomic<int> woken{0};
+  budget.on_free([&] { ++woken; });
+  ASSERT_TRUE(budget.reserve("a", 500));
+  EXPECT_FALSE(budget.borrow(301));
+  {
+    const auto loan = budget.borrow(200);
+    ASSERT_TRUE(loan);
+    EXPECT_EQ(budget.free_bytes(), 100u);
+    EXPECT_FALSE(budget.borrow(101));
+    EXPECT_TRUE(budget.borrow(100)) << "several at a time";
+    EXPECT_EQ(woken, 1);
+    EXPECT_FALSE(budget.reserve("a", 601)) << "a bake cannot have what is lent";
+  }
+  EXPECT_EQ(woken, 2) << "bakes that wait are told";
+  EXPECT_TRUE(budget.reserve("a", 800));
+  MemoryBudget endless(0);
+  EXPECT_TRUE(endless.borrow(UINT64_MAX / 2));
+}
+
 TEST_F(Shared, SomethingIsSetAsideForEachImport) {
   EXPECT_EQ(budget.for_bakes(), 800u);
   EXPECT_FALSE(budget.reserve("a", 801));

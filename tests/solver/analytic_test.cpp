@@ -1,4 +1,4 @@
-// Closed forms against both methods. Where sampling is involved, tolerances follow from the scatter
+// Closed forms against every method. Where sampling is involved, tolerances follow from the scatter
 // between bakes with different seeds: with 8 seeds a deviation of kSigmas standard errors has a
 // probability below 1e-4 (Student's t, 7 degrees of freedom), and the seeds are fixed.
 #include <gtest/gtest.h>
@@ -21,6 +21,8 @@ proto::SolverSettings settings_for(proto::Method method) {
   s.samples = 64;
   s.direct_samples = 64;
   s.bounces = 0;
+  // Points that are spread over the area of a near lamp bring fireflies, which a few seeds miss.
+  s.light_sampling = proto::LightSampling::kSolidAngle;
   return s;
 }
 
@@ -36,9 +38,11 @@ INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::ValuesIn(all_methods()),
 // Furnace: in a closed room whose faces all emit M = πL and reflect ρ, B = M/(1-ρ) everywhere, and
 // so is E, for all of it arrives again [Moreno-Fortuny eq. 2.15 with rows of F that sum to 1].
 // With b bounces the series is cut: E = M (1 - ρ^(b+1))/(1-ρ).
+// Methods over pairs of texels err along edges: pairwise_test.cpp has their furnace.
 class Furnace : public testing::TestWithParam<std::tuple<proto::Method, float>> {};
 INSTANTIATE_TEST_SUITE_P(Methods, Furnace,
-                         testing::Combine(testing::ValuesIn(all_methods()),
+                         testing::Combine(testing::Values(proto::Method::kGather,
+                                                          proto::Method::kPath),
                                           testing::Values(0.5f, 0.9f)));
 
 TEST_P(Furnace, RadiosityIsEmittanceOverAbsorptance) {

@@ -10,7 +10,7 @@
 
 namespace kiln::solver {
 
-/// The methods of the registry, and their names in those of tests: "Gather", "Path".
+/// The methods of the registry, and their names in those of tests: "Gather", "Path", and so on.
 inline std::vector<proto::Method> all_methods() {
   std::vector<proto::Method> all;
   for (const baker::Method& method : baker::methods()) all.push_back(method.id);

@@ -24,6 +24,51 @@ TEST(Methods, AreThoseOfTheSettings) {
   }
 }
 
+// The refusal says what the bake would cost, and what would do instead.
+TEST(Methods, WhatCantFinishIsRefusedWithItsCost) {
+  proto::SolverSettings s;
+  const auto refusal = [&](std::uint32_t texels) {
+    const auto ok = baker::check_cost(s, texels);
+    if (ok) return std::string();
+    EXPECT_EQ(ok.error().code, "too_expensive");
+    EXPECT_EQ(ok.error().details.at(0).pointer, "/solver/method");
+    return ok.error().message;
+  };
+  constexpr std::uint32_t kPage2048 = 2048 * 2048, kPage128 = 128 * 128;
+  EXPECT_EQ(refusal(kPage2048), "") << "gather takes any number";
+  s.method = proto::Method::kPairwise;
+  EXPECT_EQ(refusal(kPage128), "");
+  EXPECT_EQ(refusal(kPage2048),
+            "pairwise would trace about 4.4e+13 rays between 4194304 texels in 10 bounces: about "
+            "1.2e+03 hours at 10 million rays a second, and 0.34 GiB of memory. Use solver.method "
+            "\"gather\", or solver.undersampling with a solver.window of 7, or make the side of "
+            "atlas.page_size 0.39 times as long, or less, or set solver.allow_expensive.");
+  s.window = 7;
+  EXPECT_NE(refusal(kPage2048), "") << "all texels send";
+  s.undersampling = proto::Undersampling::kMonteCarlo;
+  EXPECT_EQ(refusal(kPage2048), "") << "what the refusal advised";
+  s.window = 6;
+  EXPECT_NE(refusal(kPage2048).find("a solver.window of 7"), std::string::npos);
+  s.undersampling = proto::Undersampling::kNone;
+  s.pair_samples = 256;
+  EXPECT_EQ(refusal(kPage128), "");
+  EXPECT_NE(refusal(4 * kPage128), "") << "more rays for each pair";
+  s.bounces = 1;
+  EXPECT_EQ(refusal(4 * kPage128), "") << "fewer passes";
+  s.bounces = 0;
+  EXPECT_EQ(refusal(kPage2048), "") << "direct light alone";
+  s.method = proto::Method::kMatrix;
+  s.pair_samples = 1;
+  EXPECT_EQ(refusal(8192), "");
+  EXPECT_NE(refusal(8193).find("8193 texels, which take 0.25 GiB"), std::string::npos)
+      << refusal(8193);
+  s.allow_expensive = true;
+  EXPECT_EQ(refusal(8193), "");
+  s.method = proto::Method::kPairwise;
+  s.bounces = 16;
+  EXPECT_EQ(refusal(kPage2048), "");
+}
+
 // A pass writes what it declares, and nothing else: another process could send the rest.
 TEST(Methods, PassesChangeOnlyThePlanesThatTheyDeclare) {
   const test::ReadyScene room("cornell", 0, 48);
@@ -74,6 +119,7 @@ lightmap::Lightmap blinded(const lightmap::Lightmap& light, const lightmap::Plan
     std::ranges::fill(plane.bytes(0, plane.size()), std::byte{0x7f});
   });
   if (!contains(kept, lightmap::PlaneId::kHits)) blind.hits.drop();
+  if (!contains(kept, lightmap::PlaneId::kSeen)) blind.seen.drop();
   return blind;
 }
 

@@ -92,7 +92,7 @@ std::vector<std::uint32_t> QuadScene::texels_of(std::uint32_t quad) const {
 Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned threads,
                           const proto::QualitySettings& quality, bool filter) const {
   const auto rays = trace::RayScene::build(scene_);
-  const light::LightSet lights(scene_);
+  const light::LightSet lights(scene_, nullptr, settings.emitters == proto::Emitters::kExplicit);
   const trace::TexelLookup lookup(scene_, *atlas_, *texels_);
   const World world{scene_, *atlas_, *texels_, *rays,
                     lights, lookup,  settings, baker::sample_plan(settings, quality),

@@ -118,15 +118,6 @@ sampling::DirectionSet GatherParts::directions(std::uint32_t first, std::uint32_
           world.settings.uses(proto::Technique::kLowDiscrepancy)};
 }
 
-sampling::Estimate GatherParts::sky_light(const sampling::DirectionSet& of,
-                                          const Hemisphere::Gathering& g) const {
-  if (world.lights.sky()) return of.estimate(g.sky[0] * math::kPi, g.sky[1] * math::kPi);
-  float open[2] = {0, 0};
-  for (std::uint32_t i = 0; i < g.hits.size(); ++i)
-    open[of.in_second_half(i)] += g.hits[i] == simd::kHitSky ? math::kPi : 0.f;
-  return of.estimate(world.scene.sky * open[0], world.scene.sky * open[1]);
-}
-
 std::unique_ptr<Solver> make_gather_solver(const World& world, std::uint64_t hit_budget_bytes) {
   return std::make_unique<GatherSolver>(world, hit_budget_bytes);
 }

@@ -8,6 +8,7 @@
 
 #include "baker/sampling/sobol.h"
 #include "baker/solver/footprint.h"
+#include "baker/trace/gather_surface.h"
 
 namespace kiln::solver::gather {
 namespace {
@@ -66,7 +67,7 @@ class Hemisphere::Tracer {
         set_(set),
         sky_(all.world_.lights.sky()),
         shares_(sky_shares(all.world_.plan)),
-        grid_(all.world_.lookup.grid()),
+        surface_(all.world_.rays, all.world_.lookup),
         tile_seed_(texel_seed(all.world_, tile, SampleStream::kGatherTile)) {
     points_.shared_x = plan_.shared_x(), points_.shared_y = plan_.shared_y();
     points_.shared_seed_x = sampling::hash(tile_seed_, 1),
@@ -168,8 +169,7 @@ class Hemisphere::Tracer {
     rays_.active = 0;
     for (std::uint32_t i = 0; i < 16; ++i) rays_.active |= std::uint32_t(to_.above[i] > 0) << i;
     rays_.active &= lanes;
-    world_.rays.closest(rays_, met_, coherent);
-    kernels_.look_up(grid_, met_.triangle, met_.u, met_.v, met_.back, pick_, found_);
+    surface_.meet(rays_, pick_, coherent, met_);
   }
 
   /// Records what lane i brought.
@@ -178,15 +178,10 @@ class Hemisphere::Tracer {
     std::uint32_t& hit = of.hits[sample];
     hit = simd::kHitNothing;
     if (!(rays_.active >> i & 1)) return;
-    if (found_[i] == simd::kHitUnclear) {
-      const std::int32_t t =
-          world_.lookup.pick(met_.triangle[i], {met_.u[i], met_.v[i]}, met_.back[i] != 0, pick_[i]);
-      found_[i] = t != atlas::kNoTexel ? static_cast<std::uint32_t>(t) : simd::kHitNothing;
-    }
-    hit = found_[i];
+    hit = met_.element[i];
     if (sky_ && hit == simd::kHitSky) of.sky[set_.in_second_half(sample)] += sky_in(i);
     ++tally.rays[point];
-    tally.behind[point] += hit == simd::kHitNothing && met_.back[i];
+    tally.behind[point] += hit == simd::kHitNothing && met_.hits.back[i];
   }
 
   /// Returns what lane i sees of a sky map.
@@ -204,16 +199,15 @@ class Hemisphere::Tracer {
   const sampling::DirectionSet& set_;
   const light::SkyLight* const sky_;  ///< null: it is uniform
   const light::SkyShares shares_;
-  const simd::TexelGrid grid_;
+  const trace::TexelSurface surface_;
   const std::uint32_t tile_seed_;
   simd::ScrambledPoints points_;
   const simd::PointFrames* from_ = nullptr;  ///< frames of the rays that were traced last
   simd::PointFrames of_texel_{};
   std::array<simd::PointFrames, 16> frames_;
   trace::RayPacket rays_;
-  trace::HitPacket met_;
+  trace::Gathered met_;
   simd::Directions to_;
-  alignas(64) std::uint32_t found_[16];
   alignas(64) float pick_[16];
 };
 
@@ -242,6 +236,15 @@ void Hemisphere::follow_and_probe(std::span<Gathering> texels,
     }
     texels[i].visible = tally[i].visible_share();
   }
+}
+
+sampling::Estimate Hemisphere::sky_light(const sampling::DirectionSet& of,
+                                         const Gathering& g) const {
+  if (world_.lights.sky()) return of.estimate(g.sky[0] * math::kPi, g.sky[1] * math::kPi);
+  float open[2] = {0, 0};
+  for (std::uint32_t i = 0; i < g.hits.size(); ++i)
+    open[of.in_second_half(i)] += g.hits[i] == simd::kHitSky ? math::kPi : 0.f;
+  return of.estimate(world_.scene.sky * open[0], world_.scene.sky * open[1]);
 }
 
 void Hemisphere::trace(std::span<Gathering> texels, const sampling::DirectionSet& set,

@@ -35,6 +35,8 @@ class Hemisphere {
   /// Does the same, and finds the share of each footprint that is not hidden: all rays from a
   /// hidden point meet the backs of surfaces. Sends more rays when few of them met backs.
   void follow_and_probe(std::span<Gathering>, const sampling::DirectionSet&) const;
+  /// Returns the sky's light on a texel: E = π · mean L over the directions.
+  sampling::Estimate sky_light(const sampling::DirectionSet&, const Gathering&) const;
 
  private:
   struct BackfaceTally;

@@ -26,13 +26,14 @@ void OutgoingRadiosity::find_hidden(const lightmap::Lightmap& light) {
 bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Workers& workers) {
   constexpr std::uint32_t kRunTexels = 16384;
   radiosity_.resize(world_.texels.size());
+  const bool has_sent = light.radiosity.size() > 0;
   const bool whole = workers.for_runs(world_.texels.size(), kRunTexels, [&](auto begin, auto end) {
     for (std::uint32_t t = begin; t < end; ++t) {
       // E is the mean over the footprint; rays from outside meet its visible part only.
       const float visible = light.validity[t];
       const math::Rgb b = world_.texels.albedo[t] * light.irradiance(t) *
                               (visible >= kHiddenShare ? 1 / visible : 1.f) -
-                          light.radiosity[t];
+                          (has_sent ? light.radiosity[t] : math::Rgb{});
       radiosity_[t] = {b.r, b.g, b.b, 0};
     }
   });

@@ -21,8 +21,8 @@ class OutgoingRadiosity {
   /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
   void find_hidden(const lightmap::Lightmap&);
 
-  /// Takes from the light by how much B has grown since Lightmap::radiosity [RTRad 5.4]. Returns
-  /// false when stopped.
+  /// Takes from the light by how much B has grown since Lightmap::radiosity [RTRad 5.4], or all of
+  /// it when there is no such plane. Returns false when stopped.
   bool read(const lightmap::Lightmap&, const exec::Workers&);
   /// Scales all values, since the last update stands for those after it, too.
   void scale(float);

@@ -20,8 +20,6 @@ struct GatherParts {
 
   /// Returns directions of the sequence, in the order in which they are traced.
   sampling::DirectionSet directions(std::uint32_t first, std::uint32_t count) const;
-  /// Returns the sky's light on a texel: E = π · mean L over cosine-distributed directions.
-  sampling::Estimate sky_light(const sampling::DirectionSet&, const Hemisphere::Gathering&) const;
 
   const World& world;
   const InterpolationGrid grid;
@@ -60,7 +58,7 @@ std::uint64_t trace_some(const GatherParts& parts, atlas::TexelRange tile,
   const std::span texels(all.data(), count);
   parts.hemisphere.follow_and_probe(texels, parts.set);
   for (const Hemisphere::Gathering& g : texels) {
-    const sampling::Estimate sky = parts.sky_light(parts.set, g);
+    const sampling::Estimate sky = parts.hemisphere.sky_light(parts.set, g);
     after.validity[g.texel] = g.visible;
     after.sky[g.texel] = sky.mean, after.sky_difference[g.texel] = sky.half_difference;
     after.samples[g.texel] = parts.set.size();

@@ -134,7 +134,7 @@ class RoundPass final : public Pass {
     };
     for (const Hemisphere::Gathering& g : texels) {
       const std::uint32_t t = g.texel;
-      join(parts_.sky_light(set, g), after.sky[t], after.sky_difference[t]);
+      join(parts_.hemisphere.sky_light(set, g), after.sky[t], after.sky_difference[t]);
       if (parts_.world.settings.bounces > 0)
         join(radiosity_.look_up(set, g.hits), after.indirect[t], after.indirect_difference[t]);
     }

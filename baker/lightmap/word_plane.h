@@ -7,19 +7,20 @@
 
 namespace kiln::lightmap {
 
-/// Hits below this value name a texel; the values from here on say what else a ray has met.
+/// Hits below this value name a texel; the values from here on say what else a ray has met
+/// (Lightmap::hits).
 inline constexpr std::uint32_t kFirstMiss = 0xfffffffdu;
 
-/// Holds several words per texel: what each of its gathering rays met, so that bounces look it up
-/// instead of tracing again. The words are zero, and take no memory, until they are first written.
+/// Holds several words per texel: what its rays met, so that bounces look it up instead of tracing
+/// again. The words are zero, and take no memory, until they are first written.
 ///
 /// Copies share the words, and writers do not detach them: a copy would double what is by far the
 /// largest plane. Each texel is therefore written by one pass only, and is read by later ones.
 /// Different texels may be written from different threads.
-class HitPlane {
+class WordPlane {
  public:
-  HitPlane() = default;
-  HitPlane(std::uint32_t texels, std::uint32_t words);
+  WordPlane() = default;
+  WordPlane(std::uint32_t texels, std::uint32_t words);
 
   /// Returns the number of texels; 0 after drop().
   std::uint32_t size() const { return words_ ? texels_ : 0; }
