@@ -131,6 +131,7 @@ def shown(value):
 
 TWO_PASSES = {"solver__bounces": 1, "solver__emitters": "transport", "solver__tolerance": 0}
 ONE_BOUNCE = {"solver__bounces": 1, "solver__tolerance": 0}
+TWO_BOUNCES = {"solver__bounces": 2, "solver__tolerance": 0}
 LUCY = "cornell_lucy"
 
 
@@ -170,10 +171,10 @@ def table_6_1(lab):
 def fig_4_10(lab):
     rows, lines = [], {}
     for page in (32, 64, 128):
-        reference = lab.reference("cornell", page)
+        reference = lab.reference("cornell", page, **TWO_BOUNCES)
         for samples in (1, 4, 16, 64)[:5 - int(math.log2(page / 16))]:
             baked = pairwise(lab, "cornell", page, solver__pair_samples=samples,
-                             solver__near_field=False)
+                             solver__near_field=False, **TWO_BOUNCES)
             figures = lab.compare(reference, baked)
             rays = baked.last()[1]
             rows.append((baked.command, {"page": page, "pair_samples": samples, "rays": rays,
@@ -277,7 +278,7 @@ def fig_6_10(lab):
               {"DFPR": error, "time over pairwise": effort})
 
 
-def all_methods(page):
+def all_methods():
     return {"pairwise": {"solver__method": "pairwise"},
             "monte_carlo 2": {"solver__method": "pairwise", "solver__undersampling": "monte_carlo",
                               "solver__window": 2},
@@ -290,19 +291,20 @@ def all_methods(page):
             "links": {"solver__method": "links"},
             "directional 1024": {"solver__method": "directional", "solver__samples": 1024},
             "directional 256": {"solver__method": "directional", "solver__samples": 256},
-            "radiosity_map": {"solver__method": "radiosity_map"},
+            "radiosity_map, unbiased": {"solver__method": "radiosity_map",
+                                        "solver__series": "unbiased"},
             "gather 256": {"solver__samples": 256},
             "gather": {"solver__direct_samples": None}}
 
 
-@figure("fig-6.11", "All methods beside each other")
+@figure("fig-6.11", "All methods beside each other, two bounces")
 def fig_6_11(lab):
     page = 256 if lab.full else 128
     rows, pictures = [], []
-    reference = lab.reference(LUCY, page, samples=2048)
-    other = lab.reference(LUCY, page, samples=2048, solver__seed=2)
-    for name, settings in all_methods(page).items():
-        baked = lab.bake(LUCY, page, **settings)
+    reference = lab.reference(LUCY, page, **TWO_BOUNCES)
+    other = lab.reference(LUCY, page, solver__seed=2, **TWO_BOUNCES)
+    for name, settings in all_methods().items():
+        baked = lab.bake(LUCY, page, **{**TWO_BOUNCES, **settings})
         figures = lab.compare(reference, baked, "--second-reference", other.page())
         rows.append((baked.command, {"method": name, "solve_seconds": baked.solve,
                                      "rays": sum(p["rays"] for p in baked.passes),
@@ -396,9 +398,7 @@ def fig_6_14(lab):
 @figure("fig-6.17", "Small lamps and directions")
 def fig_6_17(lab):
     page, rows, pictures = 256, [], []
-    settings = {"solver__bounces": 2, "solver__tolerance": 0}
-    explicit = lab.bake("small_lights", page, solver__method="directional", solver__samples=1024,
-                        **settings)
+    settings = TWO_BOUNCES
     reference = lab.reference("small_lights", page, samples=512, **settings)
     for name, more in (("256", {"solver__samples": 256, "solver__emitters": "transport"}),
                        ("1024", {"solver__samples": 1024, "solver__emitters": "transport"}),
@@ -409,7 +409,6 @@ def fig_6_17(lab):
         pictures.append(lab.view(baked, "room", "--size", "320x240"))
     table("fig-6.17", rows)
     draw.sheet(OUT / "fig-6.17.png", [pictures], 320)
-    return explicit
 
 
 @figure("fig-6.18", "Everything over resolution, and the cost of links")
@@ -458,7 +457,7 @@ def table_6_2(lab):
                  "d": {"solver__method": "directional", "solver__samples": 1024},
                  "gather": {"solver__direct_samples": None}}
         for kind, settings in kinds.items():
-            two = {} if kind == "gather" else {"solver__bounces": 2, "solver__tolerance": 0}
+            two = {} if kind == "gather" else TWO_BOUNCES
             baked = lab.bake(LUCY, page, **settings, **two)
             rows.append((baked.command,
                          {"page": page, "method": {"u": "undersampling", "d": "directional"}.get(
@@ -486,9 +485,9 @@ def clamps(lab):
     for near in (False, True):
         for clamp in (None, 0.05, 0.01):
             baked = pairwise(lab, "cornell", 128, solver__max_contribution=clamp,
-                             solver__near_field=near)
+                             solver__near_field=near, **TWO_BOUNCES)
             error = lab.work / f"clamps-{near}-{clamp}.png"
-            figures = lab.compare(lab.reference("cornell", 128), baked, "--diff", error,
+            figures = lab.compare(lab.reference("cornell", 128, **TWO_BOUNCES), baked, "--diff", error,
                                   "--diff-scale", 10)
             taken = next((w["message"] for w in baked.manifest["warnings"]
                           if w["code"] == "energy_clamped"), "nothing")
@@ -539,7 +538,7 @@ def tables_5(lab):
 
 @figure("figs-5", "Radiosity maps beside paths (figs. 5.2 to 5.7)")
 def figs_5(lab):
-    page = 256
+    page = 256 if lab.full else 128
     reference = lab.reference("cornell_30", page, samples=2048)
     rows, pictures = [], []
     for name, settings in (("averaged", {}), ("unbiased", {"solver__series": "unbiased"}),

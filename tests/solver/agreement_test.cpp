@@ -101,7 +101,7 @@ class TexelsBesidePaths : public testing::TestWithParam<const char*> {
     Bakes(const char* name, std::uint32_t side) : room(name, 0, side) {
       proto::SolverSettings s;
       s.method = proto::Method::kPath;
-      s.samples = side < 128 ? 1024 : 384;
+      s.samples = side < 128 ? 1024 : 192;
       s.direct_samples = 256;
       s.bounces = side < 128 ? 32 : kBounces;
       s.seed = 11;
