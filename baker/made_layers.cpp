@@ -24,7 +24,7 @@ using output::TexelValue;
 using proto::Expected;
 using proto::Unexpected;
 
-/// What layers are made of.
+/// Holds what layers are made from.
 struct Made {
   const PreparedBake& bake;
   const Solution& solution;

@@ -84,7 +84,7 @@ Size size_of(const Surface& surface, const proto::AtlasSettings& atlas) {
   return size;
 }
 
-/// What the method of a report takes, which no filter smooths.
+/// Returns the memory that the method of a report takes; no filter smooths its light.
 double reference_bytes(const proto::BakeSettings& settings, proto::Method id, double texels) {
   const proto::SolverSettings solver = reference_settings(settings, id);
   const Method& method = method_of(id);

@@ -15,11 +15,11 @@
 
 namespace kiln::output {
 
-/// What a bake's report compares its result with.
+/// Holds what the report of a bake compares the result with.
 struct Reference {
   /// Returns the reference's light of a page, laid out as the result is. Null: there is no report.
   std::function<proto::Expected<image::PageImage>(std::uint32_t page)> page;
-  // Of a method; a file has none.
+  // A method has these two, a file has not.
   std::optional<proto::SolverSettings> settings;
   std::vector<proto::PassReport> passes;
 };

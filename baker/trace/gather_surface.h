@@ -8,7 +8,7 @@
 
 namespace kiln::trace {
 
-/// What the rays of sixteen lanes have met.
+/// Holds what sixteen rays have met.
 struct alignas(64) Gathered {
   HitPacket hits;
   /// Number of the element whose radiosity the ray brings, or simd::kHitSky, or simd::kHitNothing

@@ -5,9 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "baker/solver/bounces.h"
-#include "baker/solver/direct/direct_pass.h"
-#include "baker/solver/direct/sky_pass.h"
+#include "baker/solver/direct/lead_passes.h"
 #include "baker/solver/directional/radiosity_mips.h"
 #include "baker/solver/directional/ring_order.h"
 #include "baker/solver/directional/tile_rays.h"
@@ -96,27 +94,15 @@ class DirectionalSolver final : public Solver {
                                                  : std::vector<math::Rgb>()) {}
 
   std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
-    const auto next = passes_.next(done);
-    if (!next) return nullptr;
-    PassPlan plan;
-    plan.index = std::uint32_t(done.size());
-    plan.name = to_string(next->kind);
-    plan.completes = next->completes;
-    switch (next->kind) {
-      case BouncePasses::Kind::kDirect:
-        return direct::make_direct_pass(world_, std::move(plan));
-      case BouncePasses::Kind::kSky:
-        return direct::make_sky_pass(world_, std::move(plan));
-      default:
-        return std::make_unique<BouncePass>(world_, order_, emittance_, std::move(plan));
-    }
+    return direct::next_pass(world_, passes_, done, [&](PassPlan plan) {
+      return std::make_unique<BouncePass>(world_, order_, emittance_, std::move(plan));
+    });
   }
 
   Forecast forecast() const override {
-    Work work = direct::direct_work(world_);
-    if (world_.scene.has_sky()) work += direct::sky_work(world_);
     const std::uint32_t bounces = std::min(kTypicalBounces, passes_.bounces());
-    return {passes_.most(), work + BouncePass::bounce_work(order_.set.size()) * bounces};
+    return {passes_.most(),
+            direct::lead_work(world_) + BouncePass::bounce_work(order_.set.size()) * bounces};
   }
   const SamplePlan& samples() const override { return world_.plan; }
 

@@ -27,23 +27,33 @@ LinkGatherer::LinkGatherer(const pairwise::Parts& parts, const LinkTree& tree,
       scale_(1 / (math::kPi * parts.world.settings.distance_factor *
                   parts.world.settings.distance_factor)),
       seed_(texel_seed(parts.world, 0, SampleStream::kLinks)),
-      sums_(range.size()),
-      single_(range.size()),
-      groups_(range.size()) {}
+      received_(range.size()),
+      sums_(range.size()) {}
 
 void LinkGatherer::gather() {
-  for (const Id receiver : tree_.receivers(range_)) refine(receiver, tree_.root());
-  for (std::uint32_t i = range_.begin; i < range_.end; ++i) {
-    pairwise::Senders& from = single_[i - range_.begin];
-    pairwise::Sum own, &all = sums_[i - range_.begin];
-    links_ += from.list.size();
-    rays_ += parts_.factors.row(i, from, nullptr, [&](std::uint32_t s, float factor) {
-      own += from.list[s].radiosity * factor;
-    });
-    if (is_black(own.rgb()) && !sees_any(i)) all = {};
-    all += own.rgb();
-    from = {}, groups_[i - range_.begin] = {};
+  for (const Id receiver : tree_.receivers(range_)) {
+    refine(receiver, tree_.root());
+    for (std::uint32_t i = 0; i < size(receiver); ++i)
+      if (const std::uint32_t t = texel(receiver, i); is_inside(t)) settle(t);
   }
+}
+
+/// Finds the light of a texel whose links are known.
+void LinkGatherer::settle(std::uint32_t texel) {
+  Received& received = received_[texel - range_.begin];
+  pairwise::Senders from;
+  for (const std::uint32_t j : received.texels)
+    from.list.push_back({j, Sender::kTexelsOwn, parts_.patches.area_m2(j), light_.texels[j]});
+  pairwise::Sum own;
+  rays_ += parts_.factors.row(texel, from, nullptr, [&](std::uint32_t s, float factor) {
+    own += from.list[s].radiosity * factor;
+  });
+  if (!is_black(own.rgb()) || sees_any(texel))
+    received.light += own.rgb();
+  else
+    received.light = {};
+  sums_[texel - range_.begin] = received.light.rgb();
+  received = {};
 }
 
 /// Returns whether a texel sees one of some lit texels of the groups that have sent it light. One
@@ -58,7 +68,7 @@ bool LinkGatherer::sees_any(std::uint32_t texel) {
     return seen;
   };
   const auto& from = parts_.patches.point(texel, 0);
-  for (const Id sender : groups_[texel - range_.begin]) {
+  for (const Id sender : received_[texel - range_.begin].groups) {
     const auto draw = sampling::hash(seed_, texel, sender) % kPairs;
     const std::uint32_t j = sample(sender, draw, sampling::hash(seed_, texel));
     const auto& to = parts_.patches.point(j, 0);
@@ -101,25 +111,23 @@ void LinkGatherer::split(Id receiver, Id sender, bool at_sender) {
 void LinkGatherer::link(Id receiver, Id sender, const Look& seen) {
   const Rgb b = radiosity(sender);
   const std::uint32_t count = size(receiver);
-  ++links_;
   for (std::uint32_t i = 0; i < count; ++i) {
     const std::uint32_t t = texel(receiver, i);
     const float factor = seen.factor[4 * i / count];
-    if (t < range_.begin || t >= range_.end || !(factor > 0)) continue;
-    sums_[t - range_.begin] += b * factor;
-    groups_[t - range_.begin].push_back(sender);
+    if (!is_inside(t) || !(factor > 0)) continue;
+    received_[t - range_.begin].light += b * factor;
+    received_[t - range_.begin].groups.push_back(sender);
   }
 }
 
 void LinkGatherer::link_texels(Id receiver, Id sender) {
   for (std::uint32_t i = 0; i < size(receiver); ++i) {
     const std::uint32_t t = texel(receiver, i);
-    if (t < range_.begin || t >= range_.end) continue;
+    if (!is_inside(t)) continue;
     for (std::uint32_t j = 0; j < size(sender); ++j) {
       const std::uint32_t from = texel(sender, j);
-      if (from == t || is_black(light_.texels[from])) continue;
-      single_[t - range_.begin].list.push_back(
-          {from, Sender::kTexelsOwn, parts_.patches.area_m2(from), light_.texels[from]});
+      if (from != t && !is_black(light_.texels[from]))
+        received_[t - range_.begin].texels.push_back(from);
     }
   }
 }
@@ -225,7 +233,7 @@ std::uint32_t LinkGatherer::sample(Id id, std::uint32_t k, std::uint32_t key) co
 
 /// Returns whether a receiver has a texel of the range.
 bool LinkGatherer::is_wanted(Id receiver) const {
-  const auto inside = [&](std::uint32_t t) { return t >= range_.begin && t < range_.end; };
+  const auto inside = [&](std::uint32_t t) { return is_inside(t); };
   return tree_.is_texel(receiver) ? inside(tree_.texel(receiver))
                                   : std::ranges::any_of(tree_.texels(receiver), inside);
 }

@@ -10,7 +10,7 @@
 
 namespace kiln::solver::links {
 
-/// What the members of the tree send in one bounce.
+/// Holds the light that the members of the tree send in one bounce.
 struct LinkLight {
   std::vector<math::Rgb> texels, groups;  ///< B, lx; a group's is the mean by area
   float most_error = 0;                   ///< lx: what a link may be off by
@@ -29,13 +29,12 @@ class LinkGatherer {
 
   /// Gathers the light of all texels of the range. Call it once.
   void gather();
-  math::Rgb light(std::uint32_t texel) const { return sums_[texel - range_.begin].rgb(); }
+  math::Rgb light(std::uint32_t texel) const { return sums_[texel - range_.begin]; }
   std::uint64_t rays() const { return rays_; }
-  std::uint64_t links() const { return links_; }
 
  private:
   using Id = LinkTree::Id;
-  /// What sixteen pairs of texels of two members tell: each quarter of the receiver and each
+  /// Holds what sixteen pairs of texels of two members tell. Each quarter of the receiver and each
   /// quarter of the sender are a pair.
   struct Look {
     float factor[4] = {};   ///< F of each quarter of the receiver
@@ -44,12 +43,19 @@ class LinkGatherer {
     bool is_large = false;  ///< the link brings too much light for sixteen rays
     bool is_dark = true;    ///< all pairs turn away from each other
   };
+  /// Holds what one texel of the range has got so far.
+  struct Received {
+    pairwise::Sum light;                ///< over links to groups
+    std::vector<Id> groups;             ///< where that comes from
+    std::vector<std::uint32_t> texels;  ///< single texels that it is linked to
+  };
 
   void refine(Id receiver, Id sender);
   void split(Id receiver, Id sender, bool at_sender);
   bool sender_is_larger(Id receiver, Id sender) const;
   void link(Id receiver, Id sender, const Look&);
   void link_texels(Id receiver, Id sender);
+  void settle(std::uint32_t texel);
   bool sees_any(std::uint32_t texel);
   Look look(Id receiver, Id sender);
   bool may_face(const LinkTree::Bounds&, const LinkTree::Bounds&) const;
@@ -61,6 +67,7 @@ class LinkGatherer {
   std::uint32_t size(Id) const;
   std::uint32_t sample(Id, std::uint32_t k, std::uint32_t key) const;
   std::uint32_t texel(Id, std::uint32_t i) const;
+  bool is_inside(std::uint32_t texel) const { return texel >= range_.begin && texel < range_.end; }
   bool is_wanted(Id receiver) const;
 
   const pairwise::Parts& parts_;
@@ -69,12 +76,9 @@ class LinkGatherer {
   const atlas::TexelRange range_;
   const float scale_;
   const std::uint32_t seed_;
-  // Of the texels of the range:
-  std::vector<pairwise::Sum> sums_;        ///< light so far
-  std::vector<pairwise::Senders> single_;  ///< single texels that they are linked to
-  std::vector<std::vector<Id>> groups_;    ///< groups that they, or groups around them, have got
-                                           ///< light from
-  std::uint64_t rays_ = 0, links_ = 0;
+  std::vector<Received> received_;  ///< of the texels of the receiver under way
+  std::vector<math::Rgb> sums_;     ///< light of the texels that are done
+  std::uint64_t rays_ = 0;
 };
 
 }  // namespace kiln::solver::links

@@ -10,7 +10,9 @@ namespace {
 
 using math::Vec3;
 
-/// The texels of one side of one chart, as a part of all that are sorted.
+constexpr std::uint32_t kNoReceiver = 0xffffffff;
+
+/// Holds the texels of one side of one chart, as a part of all that are sorted.
 struct Sheet {
   std::uint32_t begin = 0, end = 0;
   Vec3 center;
@@ -71,7 +73,7 @@ class LinkTree::Builder {
   }
 
  private:
-  /// What a node is made from: several sheets, or a square of one.
+  /// Says what a node is made from: several sheets, or a square of one.
   struct Plan {
     std::uint32_t first_sheet = 0, last_sheet = 0;  ///< half open; none: a square
     std::uint32_t begin = 0, end = 0, side = 0;     ///< of order_; texels
@@ -155,7 +157,7 @@ class LinkTree::Builder {
       add({plan.first_sheet, middle, 0, 0, 0});
       add({middle, plan.last_sheet, 0, 0, 0});
     } else {
-      if (plan.side <= kReceiverSide && receiver_side_ok(node)) mark_receiver(node);
+      if (plan.side <= kReceiverSide) mark_receiver(node);
       if (plan.side > 2) split_square(plan);
     }
     tree_.nodes_[node].first_child = first;
@@ -171,17 +173,13 @@ class LinkTree::Builder {
     }
   }
 
-  bool receiver_side_ok(std::uint32_t node) const {
-    return tree_.receiver_of_[tree_.order_[tree_.nodes_[node].begin]] == kNone;
-  }
+  /// Makes a node the receiver of its texels, unless a larger one around it is.
   void mark_receiver(std::uint32_t node) {
-    for (const std::uint32_t t : tree_.texels(node)) tree_.receiver_of_[t] = node;
+    const auto texels = tree_.texels(node);
+    if (tree_.receiver_of_[texels.front()] != kNoReceiver) return;
+    for (const std::uint32_t t : texels) tree_.receiver_of_[t] = node;
   }
 
- public:
-  static constexpr std::uint32_t kNone = 0xffffffff;
-
- private:
   LinkTree& tree_;
   const atlas::TextureGroup& texels_;
   const pairwise::Patches& patches_;
@@ -190,7 +188,7 @@ class LinkTree::Builder {
 };
 
 LinkTree::LinkTree(const atlas::TextureGroup& texels, const pairwise::Patches& patches)
-    : receiver_of_(texels.size(), Builder::kNone) {
+    : receiver_of_(texels.size(), kNoReceiver) {
   Builder(*this, texels, patches).build();
 }
 

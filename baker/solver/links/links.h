@@ -28,7 +28,7 @@ namespace kiln::solver::links {
 /// comes from the passes `direct` and `sky`, and then a bounce a pass, as for `pairwise`.
 std::unique_ptr<Solver> make_links_solver(const World&);
 
-/// What the method takes beside the light, and the rays of a bounce for estimates. Of all texels.
-double links_memory(const proto::SolverSettings&, double texels);  ///< bytes
+/// Returns the memory that the method takes for all texels beside the light, bytes.
+double links_memory(const proto::SolverSettings&, double texels);
 
 }  // namespace kiln::solver::links

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "baker/solver/direct/direct_pass.h"
+#include "baker/solver/direct/lead_passes.h"
 #include "baker/solver/direct/sky_pass.h"
 #include "baker/solver/pairwise/linear_system.h"
 #include "baker/solver/pairwise/pairwise.h"
@@ -156,8 +157,7 @@ class MatrixSolver final : public Solver {
   }
 
   Forecast forecast() const override {
-    Work work = direct::direct_work(world_);
-    if (world_.scene.has_sky()) work += direct::sky_work(world_);
+    Work work = direct::lead_work(world_);
     if (has_matrix()) work += MatrixPass::matrix_work(world_);
     return {passes(), work};
   }

@@ -13,8 +13,8 @@ namespace kiln::solver::pairwise {
 /// known here. Immutable; callable from many threads.
 class NearField {
  public:
-  /// Pairs nearer than so many widths of the larger texel are near. At this distance the formula is
-  /// off by about 1 %.
+  /// Pairs nearer than so many widths of the larger texel are near. Two texels at a right angle,
+  /// so far apart, have 2 % too much by the formula.
   static constexpr float kReach = 4;
 
   /// The points of one texel, structure of arrays.

@@ -9,6 +9,7 @@
 
 #include "baker/solver/bounces.h"
 #include "baker/solver/direct/direct_pass.h"
+#include "baker/solver/direct/lead_passes.h"
 #include "baker/solver/direct/sky_pass.h"
 #include "baker/solver/pairwise/passes.h"
 #include "baker/solver/pairwise/transport_pass.h"
@@ -67,8 +68,7 @@ class PairwiseSolver final : public Solver {
   }
 
   Forecast forecast() const override {
-    Work work = direct::direct_work(world_);
-    if (world_.scene.has_sky()) work += direct::sky_work(world_);
+    Work work = direct::lead_work(world_);
     const double rays = bounce_rays(parts_);
     if (remembers()) work += Work::directions(rays / 2);
     work += Work::directions(rays) * std::min(kTypicalBounces, bounces());

@@ -56,7 +56,7 @@ struct Parts {
   const ViewFactors factors;
 };
 
-/// What the texels send in a bounce.
+/// Holds the light that the texels send in a bounce.
 struct TexelLight {
   std::vector<math::Rgb> radiosity;  ///< B = ρ · albedo · E + M, lx
   /// The largest channel of what all texels send of direct light, and as emitters; lx. Shares of

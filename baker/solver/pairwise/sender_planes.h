@@ -11,8 +11,8 @@
 
 namespace kiln::solver::pairwise {
 
-/// What chooses senders among texels, seen from the texels: planes to look at [RTRad 4.9]. They say
-/// what `pairwise` would do with the settings of the world, whatever its method is. All of them
+/// These functions show texel by texel how senders are chosen: planes to look at [RTRad 4.9]. They
+/// say what `pairwise` would do with the settings of the world, whatever its method is. All of them
 /// return nothing when stopped.
 
 /// The quadtree of leaf_sides() where the settings have none.
