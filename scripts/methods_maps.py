@@ -18,10 +18,10 @@ def some_of(passes, count):
     few.mkdir()
     told = json.loads((passes / "passes.json").read_text())
     picked = sorted({round((len(told) - 1) * (i / (count - 1)) ** 2) for i in range(count)})
-    for i in picked:
-        name = f"pass_{told[i]['index']:03}"
-        shutil.copytree(passes / name, few / name)
-    (few / "passes.json").write_text(json.dumps([told[i] for i in picked]))
+    for number, i in enumerate(picked):  # compare goes from 0 up
+        shutil.copytree(passes / f"pass_{told[i]['index']:03}", few / f"pass_{number:03}")
+    kept = [{**told[i], "index": number} for number, i in enumerate(picked)]
+    (few / "passes.json").write_text(json.dumps(kept))
     return few
 
 

@@ -61,6 +61,16 @@ TEST_F(Program, BakesStateTheirMemoryBeforeTheyTakeIt) {
         Case{"room_textured",
              "--set atlas.page_size=512 --set "
              "solver.method=path --set solver.samples=16"},
+        Case{"cornell",
+             "--set atlas.page_size=192 --set solver.method=links --set solver.bounces=1"},
+        Case{"cornell",
+             "--set atlas.page_size=512 --set solver.method=directional --set solver.samples=16"},
+        Case{"cornell",
+             "--set atlas.page_size=512 --set solver.method=radiosity_map --set "
+             "solver.samples=32"},
+        Case{"cornell",
+             "--set atlas.page_size=512 --set solver.method=pairwise --set "
+             "solver.undersampling=monte_carlo --set solver.window=32 --set solver.bounces=1"},
         Case{"cornell", "--set atlas.page_size=96 --set report.against=matrix"},
         Case{"courtyard",
              "--set atlas.page_size=512 --set solver.samples=16 --set report.against=path "
