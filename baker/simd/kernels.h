@@ -117,6 +117,49 @@ using LookupKernel = void (*)(const TexelGrid&, const std::uint32_t* triangle, c
                               const float* bary_v, const std::uint32_t* back, const float* u,
                               std::uint32_t* hit);
 
+/// Patches, structure of arrays. Each is a point that stands for the surface around it.
+struct PatchColumns {
+  const float *position[3], *geometric_normal[3], *shading_normal[3];
+  const float* area_m2;
+  const float* visible;               ///< share that is not inside other geometry
+  const std::int32_t *chart, *x, *y;  ///< place on the page, texels
+};
+
+/// Parameters of view factors.
+struct ExchangeRule {
+  float scale;         ///< factor on all of them
+  float near_widths2;  ///< square of the distance, in widths of a patch, below which pairs are near
+  std::int32_t
+      window;  ///< patches of one chart nearer than this in x and y exchange nothing, texels
+};
+
+/// What sixteen pairs of patches exchange if nothing stands between.
+struct alignas(64) Exchange {
+  float forth[16];  ///< F of the first patch to the other: the share of its light from there
+  float back[16];   ///< F of the other to the first
+  std::uint32_t gives = 0, takes = 0;  ///< bit i: forth[i], or back[i], is above 0
+  std::uint32_t near = 0;              ///< bit i: pair i is near
+};
+
+/// Pairs patch `i` of `one` with the patches [first, first + 16) of `others`:
+///   F = min(scale v v' A' cosθ cosθ' / r², 1, A' / A)
+/// Patches that turn away from each other exchange nothing. The cosine of the patch that gets light
+/// is that of its shading normal.
+using ExchangeKernel = void (*)(const PatchColumns& one, std::uint32_t i,
+                                const PatchColumns& others, std::uint32_t first,
+                                const ExchangeRule&, Exchange&);
+
+/// Rays along sixteen segments, without a piece at either end.
+struct alignas(64) SegmentRays {
+  float origin[3][16], direction[3][16], far[16];
+  std::int32_t valid[16];  ///< -1 where the segment is longer than the two pieces, else 0
+};
+
+/// Shortens segments at either end by `offset` times the largest coordinate of both ends, and at
+/// least by `least_offset`, m. All lanes are finite, whether they are valid or not.
+using SegmentKernel = void (*)(const float (*from)[16], const float (*to)[16], float least_offset,
+                               float offset, SegmentRays&);
+
 struct Kernels {
   const char* name;
   DirectionKernel directions;
@@ -124,6 +167,8 @@ struct Kernels {
   LightKernel sample_light;
   WeighKernel weigh_lights;
   LookupKernel look_up;
+  ExchangeKernel exchange;
+  SegmentKernel shorten;
 };
 
 enum class InstructionSet { kSse2, kAvx2, kAvx512 };

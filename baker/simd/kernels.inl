@@ -38,6 +38,9 @@ constexpr std::uint32_t kLaneBit[kLanes] = {
 [[gnu::always_inline]] inline float magnitude(float x) {
   return x < 0 ? -x : x;
 }
+[[gnu::always_inline]] inline float larger(float a, float b) {
+  return a > b ? a : b;
+}
 
 void directions(const ScrambledPoints& points, const PointFrames& frames, Directions& out) {
   alignas(64) std::uint32_t px[kLanes], py[kLanes];
@@ -254,9 +257,84 @@ void look_up(const TexelGrid& grid, const std::uint32_t* __restrict triangle,
   }
 }
 
+void exchange(const PatchColumns& one, std::uint32_t at, const PatchColumns& others,
+              std::uint32_t first, const ExchangeRule& rule, Exchange& __restrict out) {
+  constexpr float kSamePlace = 1e-30f;  // m²
+  constexpr std::uint32_t kAll = 0xffffffffu;
+  float p[3], g[3], n[3];
+  const float *__restrict to[3], *__restrict geometric[3], *__restrict shading[3];
+  for (int k = 0; k < 3; ++k) {
+    p[k] = one.position[k][at], g[k] = one.geometric_normal[k][at], n[k] = one.shading_normal[k][at];
+    to[k] = others.position[k] + first;
+    geometric[k] = others.geometric_normal[k] + first, shading[k] = others.shading_normal[k] + first;
+  }
+  const float *__restrict areas = others.area_m2 + first, *__restrict shares = others.visible + first;
+  const std::int32_t *__restrict charts = others.chart + first, *__restrict xs = others.x + first,
+                     *__restrict ys = others.y + first;
+  const float area = one.area_m2[at], scale = rule.scale, share = one.visible[at],
+              near_widths2 = rule.near_widths2;
+  const std::int32_t chart = one.chart[at], px = one.x[at], py = one.y[at], window = rule.window;
+  alignas(64) std::uint32_t gives[kLanes], takes[kLanes], near[kLanes];
+  for (int i = 0; i < kLanes; ++i) {
+    const float x = to[0][i] - p[0], y = to[1][i] - p[1], z = to[2][i] - p[2];
+    const float r2 = x * x + y * y + z * z;
+    const float above_one = g[0] * x + g[1] * y + g[2] * z;
+    const float above_other = -(geometric[0][i] * x + geometric[1][i] * y + geometric[2][i] * z);
+    const float along_one = n[0] * x + n[1] * y + n[2] * z;
+    const float along_other = -(shading[0][i] * x + shading[1][i] * y + shading[2][i] * z);
+    const std::int32_t dx = xs[i] - px, dy = ys[i] - py;
+    const std::uint32_t is_excluded =
+        (charts[i] == chart ? kAll : 0u) & (dx < window ? kAll : 0u) & (dx > -window ? kAll : 0u) &
+        (dy < window ? kAll : 0u) & (dy > -window ? kAll : 0u);
+    const std::uint32_t faces = (above_one > 0 ? kAll : 0u) & (above_other > 0 ? kAll : 0u) &
+                                (r2 > kSamePlace ? kAll : 0u) & ~is_excluded;
+    const float safe = r2 > kSamePlace ? r2 : 1.f;
+    const float at_one = along_one > 0 ? along_one : 0.f;
+    const float at_other = along_other > 0 ? along_other : 0.f;
+    const float worth = scale * (share * shares[i]), other_area = areas[i];
+    const float forth = (at_one / safe) * (above_other / safe) * worth * other_area;
+    const float back = (at_other / safe) * (above_one / safe) * worth * area;
+    const float ratio = other_area / area, inverse = area / other_area;
+    const float most_forth = ratio < 1 ? ratio : 1.f, most_back = inverse < 1 ? inverse : 1.f;
+    const float held_forth = forth < most_forth ? forth : most_forth;
+    const float held_back = back < most_back ? back : most_back;
+    const float larger = other_area > area ? other_area : area;
+    out.forth[i] = faces != 0 ? held_forth : 0.f;
+    out.back[i] = faces != 0 ? held_back : 0.f;
+    gives[i] = kLaneBit[i] & faces & (held_forth > 0 ? kAll : 0u);
+    takes[i] = kLaneBit[i] & faces & (held_back > 0 ? kAll : 0u);
+    near[i] = kLaneBit[i] & (r2 < near_widths2 * larger ? kAll : 0u);
+  }
+  std::uint32_t all_give = 0, all_take = 0, all_near = 0;
+  for (int i = 0; i < kLanes; ++i)
+    all_give |= gives[i], all_take |= takes[i], all_near |= near[i];
+  out.gives = all_give, out.takes = all_take, out.near = all_near;
+}
+
+void shorten(const float (*__restrict from)[kLanes], const float (*__restrict to)[kLanes],
+             float least_offset, float offset, SegmentRays& __restrict out) {
+  for (int i = 0; i < kLanes; ++i) {
+    const float x = to[0][i] - from[0][i], y = to[1][i] - from[1][i], z = to[2][i] - from[2][i];
+    float largest = 0;
+    for (int k = 0; k < 3; ++k)
+      largest = larger(largest, larger(magnitude(from[k][i]), magnitude(to[k][i])));
+    const float piece = larger(largest * offset, least_offset);
+    const float length = __builtin_sqrtf(x * x + y * y + z * z);
+    const bool is_longer = length > 2 * piece;
+    const float share = is_longer ? piece / length : 0.f;
+    out.origin[0][i] = from[0][i] + x * share;
+    out.origin[1][i] = from[1][i] + y * share;
+    out.origin[2][i] = from[2][i] + z * share;
+    out.direction[0][i] = x, out.direction[1][i] = y, out.direction[2][i] = z;
+    out.far[i] = 1 - 2 * share;
+    out.valid[i] = is_longer ? -1 : 0;
+  }
+}
+
 }  // namespace
 
-extern const Kernels KILN_KERNELS{KILN_KERNELS_NAME, directions,   view_light,
-                                  sample_light,      weigh_lights, look_up};
+extern const Kernels KILN_KERNELS{
+    KILN_KERNELS_NAME, directions, view_light, sample_light, weigh_lights, look_up,
+    exchange,          shorten};
 
 }  // namespace kiln::simd

@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "baker/simd/kernels.h"
+
 namespace kiln::trace {
 namespace {
 
@@ -30,6 +32,14 @@ struct LaneMask {
   }
 };
 
+/// Sets what is the same for all rays.
+void set_usual(RTCRay16& out) {
+  std::memset(out.tnear, 0, sizeof out.tnear);
+  std::memset(out.time, 0, sizeof out.time);
+  std::memset(out.mask, 0xff, sizeof out.mask);
+  std::memset(out.flags, 0, sizeof out.flags);
+}
+
 void load_rays(const RayPacket& in, RTCRay16& out) {
   std::memcpy(out.org_x, in.org_x, sizeof out.org_x);
   std::memcpy(out.org_y, in.org_y, sizeof out.org_y);
@@ -38,10 +48,15 @@ void load_rays(const RayPacket& in, RTCRay16& out) {
   std::memcpy(out.dir_y, in.dir_y, sizeof out.dir_y);
   std::memcpy(out.dir_z, in.dir_z, sizeof out.dir_z);
   std::memcpy(out.tfar, in.t_far, sizeof out.tfar);
-  std::memset(out.tnear, 0, sizeof out.tnear);
-  std::memset(out.time, 0, sizeof out.time);
-  std::memset(out.mask, 0xff, sizeof out.mask);
-  std::memset(out.flags, 0, sizeof out.flags);
+  set_usual(out);
+}
+
+/// Returns the lanes that met something. Embree may write to lanes that are not valid, too.
+std::uint32_t blocked_lanes(const RTCRay16& query, const std::int32_t (&valid)[16]) {
+  std::uint32_t blocked = 0;
+  for (std::uint32_t i = 0; i < 16; ++i)
+    blocked |= (std::uint32_t(query.tfar[i] < 0) & std::uint32_t(valid[i])) << i;
+  return blocked;
 }
 
 RTCIntersectContext make_context(bool coherent) {
@@ -58,7 +73,8 @@ struct RayScene::Impl {
   std::atomic<std::int64_t> bytes{0};  ///< that the device holds; it outlives the device
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
-  float min_offset = 0;  ///< m
+  const simd::Kernels& kernels = simd::kernels();
+  float least_offset = 0;  ///< m
 
   Impl() = default;
   Impl(const Impl&) = delete;
@@ -118,7 +134,7 @@ proto::Expected<RayScene> RayScene::build(const scene::Scene& scene, std::stop_t
     low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
     high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
   }
-  impl->min_offset = max_abs(high - low) * 0x1p-18f;
+  impl->least_offset = max_abs(high - low) * kOffset;
   return RayScene(std::move(impl));
 }
 
@@ -151,9 +167,25 @@ std::uint32_t RayScene::occluded(const RayPacket& rays, bool coherent) const {
   const LaneMask valid(rays.active);
   RTCIntersectContext context = make_context(coherent);
   rtcOccluded16(valid.lane, impl_->scene, &context, &query);
-  std::uint32_t blocked = 0;
-  for (std::uint32_t i = 0; i < 16; ++i) blocked |= std::uint32_t(query.tfar[i] < 0) << i;
-  return blocked & rays.active;
+  return blocked_lanes(query, valid.lane);
+}
+
+std::uint32_t RayScene::blocked(const SegmentPacket& segments, bool coherent) const {
+  simd::SegmentRays rays;
+  impl_->kernels.shorten(segments.from, segments.to, impl_->least_offset, kOffset, rays);
+  std::fill(rays.valid + segments.count, rays.valid + 16, 0);
+  RTCRay16 query;
+  std::memcpy(query.org_x, rays.origin[0], sizeof query.org_x);
+  std::memcpy(query.org_y, rays.origin[1], sizeof query.org_y);
+  std::memcpy(query.org_z, rays.origin[2], sizeof query.org_z);
+  std::memcpy(query.dir_x, rays.direction[0], sizeof query.dir_x);
+  std::memcpy(query.dir_y, rays.direction[1], sizeof query.dir_y);
+  std::memcpy(query.dir_z, rays.direction[2], sizeof query.dir_z);
+  std::memcpy(query.tfar, rays.far, sizeof query.tfar);
+  set_usual(query);
+  RTCIntersectContext context = make_context(coherent);
+  rtcOccluded16(rays.valid, impl_->scene, &context, &query);
+  return blocked_lanes(query, rays.valid);
 }
 
 std::uint64_t RayScene::memory_bytes() const {
@@ -166,8 +198,7 @@ std::uint64_t RayScene::build_bytes(const scene::Scene& scene) {
 }
 
 float RayScene::offset(math::Vec3 position) const {
-  // Below 8 ulp surfaces shadow themselves, and beyond a fiftieth of a texel contact shadows leak.
-  return std::max(impl_->min_offset, max_abs(position) * 0x1p-18f);
+  return std::max(impl_->least_offset, max_abs(position) * kOffset);
 }
 
 math::Vec3 RayScene::offset_origin(math::Vec3 position, math::Vec3 geometric_normal,

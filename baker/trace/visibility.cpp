@@ -19,28 +19,11 @@ float share_of(math::Vec3 from, math::Vec3 to) {
 
 }  // namespace
 
-std::uint32_t RayVisibility::blocked(const SegmentPacket& segments) const {
-  RayPacket rays;
-  for (std::uint32_t i = 0; i < segments.count; ++i) {
-    const math::Vec3 from{segments.from_x[i], segments.from_y[i], segments.from_z[i]};
-    const math::Vec3 to{segments.to_x[i], segments.to_y[i], segments.to_z[i]};
-    const math::Vec3 way = to - from;
-    const float epsilon = std::max(scene_.offset(from), scene_.offset(to));
-    const float length = std::sqrt(dot(way, way));
-    if (!(length > 2 * epsilon)) continue;
-    const float share = epsilon / length;
-    rays.set(i, from + way * share, way, 1 - 2 * share);
-    rays.active |= 1u << i;
-  }
-  return rays.active ? scene_.occluded(rays, coherent_) : 0;
-}
-
 std::uint32_t VoxelVisibility::blocked(const SegmentPacket& segments) const {
   std::uint32_t blocked = 0, lane[16];
   SegmentPacket traced;
   for (std::uint32_t i = 0; i < segments.count; ++i) {
-    const math::Vec3 from{segments.from_x[i], segments.from_y[i], segments.from_z[i]};
-    const math::Vec3 to{segments.to_x[i], segments.to_y[i], segments.to_z[i]};
+    const math::Vec3 from = segments.start(i), to = segments.end(i);
     if (ratio_ < 1 && share_of(from, to) >= ratio_) {
       lane[traced.count] = i;
       traced.add(from, to);

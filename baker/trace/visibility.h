@@ -8,20 +8,6 @@
 
 namespace kiln::trace {
 
-/// Up to sixteen segments, structure of arrays. Finite in all lanes.
-struct alignas(64) SegmentPacket {
-  float from_x[16]{}, from_y[16]{}, from_z[16]{};
-  float to_x[16]{}, to_y[16]{}, to_z[16]{};
-  std::uint32_t count = 0;  ///< the first so many are asked about
-
-  bool is_full() const { return count == 16; }
-  void add(math::Vec3 from, math::Vec3 to) {
-    from_x[count] = from.x, from_y[count] = from.y, from_z[count] = from.z;
-    to_x[count] = to.x, to_y[count] = to.y, to_z[count] = to.z;
-    ++count;
-  }
-};
-
 /// Tells whether two points see each other [RTRad eq. 4.5]. Immutable; callable from many threads.
 class Visibility {
  public:
@@ -31,17 +17,16 @@ class Visibility {
   virtual std::uint32_t blocked(const SegmentPacket&) const = 0;
 };
 
-/// Traces the segments. A ray begins ε after the one end and stops ε before the other [RTRad
-/// 4.7.1]: neither end is met by rounding. What is shorter than 2ε is open. ε is RayScene::offset()
-/// at the end that is farther from the origin. Which end is the first makes no difference but for
-/// rounding.
+/// Traces the segments, see RayScene::blocked().
 class RayVisibility final : public Visibility {
  public:
   /// @param scene outlives this
   /// @param coherent a promise about the segments of a packet, for speed only
   explicit RayVisibility(const RayScene& scene, bool coherent = true)
       : scene_(scene), coherent_(coherent) {}
-  std::uint32_t blocked(const SegmentPacket&) const override;
+  std::uint32_t blocked(const SegmentPacket& segments) const override {
+    return scene_.blocked(segments, coherent_);
+  }
 
  private:
   const RayScene& scene_;

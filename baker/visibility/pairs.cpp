@@ -61,10 +61,8 @@ std::uint32_t see_packet(const trace::RayVisibility& visibility, std::string_vie
   trace::SegmentPacket packet;
   for (std::uint32_t i = 0; i < count; ++i) {
     const float* n = numbers + kNumbers * i;
-    packet.from_x[i] = n[0], packet.from_y[i] = n[1], packet.from_z[i] = n[2];
-    packet.to_x[i] = n[3], packet.to_y[i] = n[4], packet.to_z[i] = n[5];
+    packet.add({n[0], n[1], n[2]}, {n[3], n[4], n[5]});
   }
-  packet.count = count;
   return ~visibility.blocked(packet) & ((1u << count) - 1);
 }
 

@@ -309,5 +309,133 @@ TEST(Kernels, LookUpTellsSkyBacksAndRims) {
   EXPECT_EQ(hit[1], kHitUnclear);
 }
 
+/// Patches about the origin with normals of all kinds, some of them at one place.
+struct Surfaces {
+  static constexpr std::uint32_t kCount = 256;
+
+  std::vector<float> values = std::vector<float>(11 * kCount);
+  std::vector<std::int32_t> places = std::vector<std::int32_t>(3 * kCount);
+
+  Surfaces() {
+    for (std::uint32_t i = 0; i < kCount; ++i) {
+      for (std::uint32_t k = 0; k < 9; ++k)
+        values[k * kCount + i] = sampling::to_unit(sampling::hash(i % 250, k)) - 0.5f;
+      for (std::uint32_t k = 9; k < 11; ++k)
+        values[k * kCount + i] = 0.01f + sampling::to_unit(sampling::hash(i, k));
+      places[i] = std::int32_t(i % 3), places[kCount + i] = std::int32_t(i % 16);
+      places[2 * kCount + i] = std::int32_t(i / 16);
+    }
+  }
+  PatchColumns columns() const {
+    const auto column = [&](std::size_t k) { return values.data() + k * kCount; };
+    return {{column(0), column(1), column(2)},
+            {column(3), column(4), column(5)},
+            {column(6), column(7), column(8)},
+            column(9),
+            column(10),
+            places.data(),
+            places.data() + kCount,
+            places.data() + 2 * kCount};
+  }
+  math::Vec3 get(std::uint32_t first, std::uint32_t i) const {
+    return {values[first * kCount + i], values[(first + 1) * kCount + i],
+            values[(first + 2) * kCount + i]};
+  }
+  float area(std::uint32_t i) const { return values[9 * kCount + i]; }
+  float visible(std::uint32_t i) const { return values[10 * kCount + i]; }
+  std::int32_t place(std::uint32_t k, std::uint32_t i) const { return places[k * kCount + i]; }
+};
+constexpr ExchangeRule kRule{3, 0.5f, 3};
+
+// F = scale v v' A' cosθ cosθ'/r², at most 1 and A'/A; nothing for those that turn away, that are
+// at one place, or within the window of a chart.
+TEST(Kernels, ExchangeIsTheViewFactorOfPatches) {
+  const Surfaces s;
+  std::uint32_t faces = 0, held = 0, excluded = 0;
+  for (std::uint32_t i = 0; i < 250; ++i) {
+    for (std::uint32_t first = 0; first < Surfaces::kCount; first += 16) {
+      Exchange e;
+      kernels().exchange(s.columns(), i, s.columns(), first, kRule, e);
+      for (std::uint32_t lane = 0; lane < 16; ++lane) {
+        const std::uint32_t j = first + lane;
+        const math::Vec3 way = s.get(0, j) - s.get(0, i);
+        const float r2 = dot(way, way);
+        const bool is_excluded = s.place(0, i) == s.place(0, j) &&
+                                 std::abs(s.place(1, i) - s.place(1, j)) < kRule.window &&
+                                 std::abs(s.place(2, i) - s.place(2, j)) < kRule.window;
+        const bool turns = !(dot(s.get(3, i), way) > 0 && dot(s.get(3, j), way) < 0);
+        excluded += is_excluded && !turns;
+        const bool meets = r2 > 0 && !turns && !is_excluded;
+        const float worth = kRule.scale * (s.visible(i) * s.visible(j));
+        const auto factor = [&](float here, float there, float a, float other) {
+          if (!meets) return 0.f;
+          const float whole = here / r2 * (there / r2) * worth * other;
+          held += whole > std::min(1.f, other / a);
+          return std::min(whole, std::min(1.f, other / a));
+        };
+        const float forth = factor(std::max(0.f, dot(s.get(6, i), way)), -dot(s.get(3, j), way),
+                                   s.area(i), s.area(j));
+        const float back = factor(std::max(0.f, -dot(s.get(6, j), way)), dot(s.get(3, i), way),
+                                  s.area(j), s.area(i));
+        ASSERT_EQ(e.forth[lane], forth);
+        ASSERT_EQ(e.back[lane], back);
+        ASSERT_EQ(e.gives >> lane & 1, forth > 0);
+        ASSERT_EQ(e.takes >> lane & 1, back > 0);
+        ASSERT_EQ(e.near >> lane & 1, r2 < kRule.near_widths2 * std::max(s.area(i), s.area(j)));
+        faces += meets;
+      }
+    }
+  }
+  EXPECT_GT(faces, 10'000u);
+  EXPECT_GT(held, 100u);
+  EXPECT_GT(excluded, 100u);
+}
+
+// A piece is left out at either end. What is shorter than two of them is no ray, and is finite.
+TEST(Kernels, SegmentsAreShortenedAtBothEnds) {
+  float from[3][16], to[3][16];
+  for (std::uint32_t i = 0; i < 16; ++i)
+    for (std::uint32_t k = 0; k < 3; ++k) {
+      from[k][i] = sampling::to_unit(sampling::hash(i, k)) * 100 - 50;
+      to[k][i] = i == 3 ? from[k][i] : sampling::to_unit(sampling::hash(i, k + 3)) * 100 - 50;
+    }
+  for (std::uint32_t k = 0; k < 3; ++k) to[k][5] = from[k][5] + 1e-4f;
+  constexpr float kShare = 1e-3f, kLeast = 0.04f;
+  SegmentRays rays;
+  kernels().shorten(from, to, kLeast, kShare, rays);
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    const math::Vec3 a{from[0][i], from[1][i], from[2][i]}, b{to[0][i], to[1][i], to[2][i]};
+    const float piece = std::max(kLeast, kShare * std::max(max_abs(a), max_abs(b)));
+    const math::Vec3 origin{rays.origin[0][i], rays.origin[1][i], rays.origin[2][i]};
+    const math::Vec3 way{rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]};
+    ASSERT_EQ(rays.valid[i], i != 3 && i != 5 ? -1 : 0);
+    ASSERT_TRUE(std::isfinite(max_abs(origin)) && std::isfinite(rays.far[i]));
+    if (i == 3 || i == 5) continue;
+    EXPECT_NEAR(length(origin - a), piece, 1e-4f);
+    EXPECT_NEAR(length(b - (origin + way * rays.far[i])), piece, 1e-4f);
+  }
+}
+
+TEST(Kernels, PairsHaveTheSameBitsInEveryInstructionSet) {
+  const Surfaces points;
+  const Kernels& plain = kernels(InstructionSet::kSse2);
+  float from[3][16], to[3][16];
+  std::copy_n(points.values.data(), 48, from[0]);
+  std::copy_n(points.values.data() + 100, 48, to[0]);
+  SegmentRays rays;
+  plain.shorten(from, to, 1e-4f, 1e-5f, rays);
+  for (const InstructionSet set : available()) {
+    SegmentRays r;
+    kernels(set).shorten(from, to, 1e-4f, 1e-5f, r);
+    EXPECT_EQ(std::memcmp(&r, &rays, sizeof r), 0) << kernels(set).name;
+    for (std::uint32_t first = 0; first + 16 <= Surfaces::kCount; first += 7) {
+      Exchange all{}, e{};
+      plain.exchange(points.columns(), 8, points.columns(), first, kRule, all);
+      kernels(set).exchange(points.columns(), 8, points.columns(), first, kRule, e);
+      EXPECT_EQ(std::memcmp(&e, &all, sizeof e), 0) << kernels(set).name;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace kiln::simd

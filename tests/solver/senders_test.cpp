@@ -186,8 +186,8 @@ TEST(Senders, MeansAreThoseOfOneChart) {
     EXPECT_NEAR(one.radiosity.r, light[one.texel].r, 1e-5f * one.radiosity.r);
     EXPECT_NEAR(one.radiosity.g, light[one.texel].g, 1e-5f);
     if (one.point == Sender::kTexelsOwn) continue;
-    const Patches::Point& mean = senders.points[one.point];
-    const Patches::Point texel = ready.parts.patches.middle(one.texel);
+    const Point& mean = senders.points[one.point];
+    const Point texel = ready.parts.patches.middle(one.texel);
     EXPECT_GT(dot(mean.geometric_normal, texel.geometric_normal), 0.9999f) << "flat charts";
     EXPECT_NEAR(dot(mean.position - texel.position, texel.geometric_normal), 0, 1e-5f);
   }
@@ -205,7 +205,7 @@ TEST(Senders, AMeanLiesAboveABentSurface) {
   std::uint32_t raised = 0;
   for (const Sender& one : senders.list) {
     if (one.point == Sender::kTexelsOwn) continue;
-    const Patches::Point& mean = senders.points[one.point];
+    const Point& mean = senders.points[one.point];
     EXPECT_NEAR(length(mean.geometric_normal), 1, 1e-5f);
     raised += dot(mean.origin - mean.position, mean.geometric_normal) > 1e-3f;
     for (std::uint32_t t = 0; t < ball.texels.size(); ++t) {
@@ -295,10 +295,9 @@ TEST(Senders, RaysAreThoseOfFacingPairs) {
       senders = std::max(senders, from.list.size());
       for (const Sender& one : from.list) {
         if (one.texel == i || ready.parts.patches.are_excluded(i, one.texel)) continue;
-        const Patches::Point at = ready.parts.patches.middle(i);
-        const Patches::Point to = one.point == Sender::kTexelsOwn
-                                      ? ready.parts.patches.middle(one.texel)
-                                      : from.points[one.point];
+        const Point at = ready.parts.patches.middle(i);
+        const Point to = one.point == Sender::kTexelsOwn ? ready.parts.patches.middle(one.texel)
+                                                         : from.points[one.point];
         const math::Vec3d way = to_double(to.position) - to_double(at.position);
         const double least = std::min(dot(way, to_double(at.shading_normal)),
                                       -dot(way, to_double(to.geometric_normal)));

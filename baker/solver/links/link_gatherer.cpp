@@ -44,6 +44,7 @@ void LinkGatherer::settle(std::uint32_t texel) {
   pairwise::Senders from;
   for (const std::uint32_t j : received.texels)
     from.list.push_back({j, Sender::kTexelsOwn, parts_.patches.area_m2(j), light_.texels[j]});
+  from.gather(parts_.patches);
   pairwise::Sum own;
   rays_ += parts_.factors.row(texel, from, nullptr, [&](std::uint32_t s, float factor) {
     own += from.list[s].radiosity * factor;
@@ -67,11 +68,11 @@ bool LinkGatherer::sees_any(std::uint32_t texel) {
     packet.count = 0;
     return seen;
   };
-  const auto& from = parts_.patches.point(texel, 0);
+  const auto from = parts_.patches.point(texel, 0);
   for (const Id sender : received_[texel - range_.begin].groups) {
     const auto draw = sampling::hash(seed_, texel, sender) % kPairs;
     const std::uint32_t j = sample(sender, draw, sampling::hash(seed_, texel));
-    const auto& to = parts_.patches.point(j, 0);
+    const auto to = parts_.patches.point(j, 0);
     if (is_black(light_.texels[j])) continue;
     if (!(pairwise::ViewFactors::unoccluded(from, to).forth > 0)) continue;
     packet.add(from.origin, to.origin);
@@ -142,7 +143,7 @@ LinkGatherer::Look LinkGatherer::look(Id receiver, Id sender) {
     const std::uint32_t quarter = k / 4, of_sender = k % 4;
     const std::uint32_t i = sample(receiver, 4 * quarter + of_sender, key),
                         j = sample(sender, 4 * of_sender + quarter, key);
-    const auto &at_i = parts_.patches.point(i, 0), &at_j = parts_.patches.point(j, 0);
+    const auto at_i = parts_.patches.point(i, 0), at_j = parts_.patches.point(j, 0);
     area[k] = parts_.patches.area_m2(j);
     kernel[k] = i == j ? 0
                        : pairwise::ViewFactors::unoccluded(at_i, at_j).forth *
@@ -206,7 +207,7 @@ bool LinkGatherer::may_matter(const Bounds& receiver, const Bounds& sender, Rgb 
 
 Bounds LinkGatherer::bounds(Id id) const {
   if (!tree_.is_texel(id)) return tree_.bounds(id);
-  const auto& at = parts_.patches.point(tree_.texel(id), 0);
+  const auto at = parts_.patches.point(tree_.texel(id), 0);
   return {at.position, 0, at.geometric_normal, 0, true, parts_.patches.area_m2(tree_.texel(id))};
 }
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstdlib>
 
 #include "baker/sampling/sobol.h"
 #include "baker/solver/hidden_points.h"
@@ -13,16 +12,12 @@ namespace {
 
 constexpr std::uint32_t kLook = 4096;  ///< texels between two looks at the stop token
 
-std::uint32_t points_per_texel(std::uint32_t pair_samples) {
-  return pair_samples > 1 ? Patches::kPoints : 1;
-}
-
-Patches::Point point_of(const Footprint& at, std::uint32_t i) {
+Point point_of(const Footprint& at, std::uint32_t i) {
   return {at.position[i], at.origin[i], at.geometric_normal[i], at.shading_normal[i]};
 }
 
 /// Returns that of the points in view which is nearest to their mean.
-Patches::Point visible_middle(const Footprint& at, std::uint32_t hidden) {
+Point visible_middle(const Footprint& at, std::uint32_t hidden) {
   math::Vec3 mean;
   float count = 0;
   for (std::uint32_t i = 0; i < Patches::kPoints; ++i)
@@ -43,32 +38,34 @@ Patches::Point visible_middle(const Footprint& at, std::uint32_t hidden) {
 Patches::Patches(const World& world, std::uint32_t pair_samples, const std::stop_token& stop)
     : texels_(world.texels),
       pair_samples_(pair_samples),
-      per_texel_(points_per_texel(pair_samples)),
       window_(std::int32_t(window_texels(world.settings, world.atlas.page_size))),
       seed_(sampling::hash(std::uint32_t(world.settings.seed),
-                           std::uint32_t(world.settings.seed >> 32))) {
-  points_.reserve(std::size_t(size()) * per_texel_);
+                           std::uint32_t(world.settings.seed >> 32))),
+      patches_(pair_samples == 1 ? size() : 0) {
+  if (pair_samples > 1) points_.reserve(std::size_t(size()) * kPoints);
   visible_share_.reserve(size());
   for (std::uint32_t t = 0; t < size(); ++t) {
     if (t % kLook == 0 && stop.stop_requested()) return;
     const Footprint at(world, t);
     const std::uint32_t hidden = hidden_points(world, at);
     visible_share_.push_back(1 - float(std::popcount(hidden)) / kPoints);
-    per_texel_ == 1 ? add_middle(world, t, at, hidden) : add_footprint(at);
+    if (pair_samples == 1)
+      patches_.set(t, {middle_of(world, t, at, hidden), texels_.area_m2[t], visible_share_[t],
+                       std::int32_t(texels_.chart[t]), texels_.x[t], texels_.y[t]});
+    else
+      for (std::uint32_t i = 0; i < kPoints; ++i) points_.push_back(point_of(at, i));
   }
 }
 
 double Patches::memory_per_texel(std::uint32_t pair_samples) {
-  return double(sizeof(Point)) * points_per_texel(pair_samples) + sizeof(float);
+  return (pair_samples == 1 ? PatchColumns::kBytes : double(sizeof(Point)) * kPoints) +
+         sizeof(float);
 }
 
-void Patches::add_middle(const World& world, std::uint32_t texel, const Footprint& at,
-                         std::uint32_t hidden) {
+Point Patches::middle_of(const World& world, std::uint32_t texel, const Footprint& at,
+                         std::uint32_t hidden) const {
   constexpr std::uint32_t kAll = (1u << kPoints) - 1;
-  if (hidden != 0 && hidden != kAll) {
-    points_.push_back(visible_middle(at, hidden));
-    return;
-  }
+  if (hidden != 0 && hidden != kAll) return visible_middle(at, hidden);
   const std::uint32_t triangle = texels_.triangle[texel];
   const float side = texels_.is_back(texel) ? -1.f : 1.f;
   Point p;
@@ -78,14 +75,10 @@ void Patches::add_middle(const World& world, std::uint32_t texel, const Footprin
   if (dot(p.shading_normal, p.geometric_normal) < 0) p.shading_normal = -p.shading_normal;
   p.origin = world.rays.offset_origin(p.position, p.geometric_normal,
                                       position_at(world.scene, triangle, scene::kCentroid));
-  points_.push_back(p);
+  return p;
 }
 
-void Patches::add_footprint(const Footprint& at) {
-  for (std::uint32_t i = 0; i < kPoints; ++i) points_.push_back(point_of(at, i));
-}
-
-Patches::Point Patches::middle(std::uint32_t texel) const {
+Point Patches::middle(std::uint32_t texel) const {
   Point p = point(texel, 0);
   p.origin += texels_.position[texel] - p.position;
   p.position = texels_.position[texel];
@@ -98,18 +91,12 @@ std::uint32_t Patches::pair_key(std::uint32_t receiver, std::uint32_t sender) co
 
 Patches::Ends Patches::ends(std::uint32_t receiver, std::uint32_t sender, std::uint32_t pair_key,
                             std::uint32_t k) const {
-  if (per_texel_ == 1) return {};
+  if (pair_samples_ == 1) return {};
   // Flips by the key, and the rows of a Latin square for each sixteen more.
   const std::uint32_t first = (k ^ pair_key) % kPoints;
   const std::uint32_t second =
       (Footprint::sample_of(k % kPoints) ^ k / kPoints ^ pair_key >> 4) % kPoints;
   return receiver < sender ? Ends{first, second} : Ends{second, first};
-}
-
-bool Patches::are_excluded(std::uint32_t a, std::uint32_t b) const {
-  return texels_.chart[a] == texels_.chart[b] &&
-         std::abs(std::int32_t(texels_.x[a]) - std::int32_t(texels_.x[b])) < window_ &&
-         std::abs(std::int32_t(texels_.y[a]) - std::int32_t(texels_.y[b])) < window_;
 }
 
 }  // namespace kiln::solver::pairwise

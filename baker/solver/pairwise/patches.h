@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <cstdlib>
 #include <stop_token>
 #include <vector>
 
 #include "baker/solver/footprint.h"
+#include "baker/solver/pairwise/patch_columns.h"
 #include "baker/solver/world.h"
 
 namespace kiln::solver::pairwise {
@@ -33,22 +35,18 @@ class Patches {
   /// Returns what a view factor between the points of two texels is worth: the share of pairs of
   /// points that is not hidden, which rays between many points find out by themselves.
   float visible_pairs(std::uint32_t a, std::uint32_t b) const {
-    return per_texel_ == 1 ? visible_share_[a] * visible_share_[b] : 1;
+    return pair_samples_ == 1 ? visible_share_[a] * visible_share_[b] : 1;
   }
-  /// The same of a texel and a point that stands for several.
-  float visible_pairs(std::uint32_t a) const { return per_texel_ == 1 ? visible_share_[a] : 1; }
   /// Returns proto::SolverSettings::window, or what null stands for.
   std::uint32_t window() const { return std::uint32_t(window_); }
 
-  /// A point of a patch. The receiver's cosine is that of the shading normal, and zero below the
-  /// surface; the sender's is that of the surface itself, whose area counts.
-  struct Point {
-    math::Vec3 position, origin;                  ///< on the surface, and moved off it; m
-    math::Vec3 geometric_normal, shading_normal;  ///< unit
-  };
-  const Point& point(std::uint32_t texel, std::uint32_t i) const {
-    return points_[std::size_t(texel) * per_texel_ + i];
+  Point point(std::uint32_t texel, std::uint32_t i) const {
+    return pair_samples_ == 1 ? patches_[texel].point : points_[std::size_t(texel) * kPoints + i];
   }
+  /// Returns all of them, where each is one point.
+  const PatchColumns& columns() const { return patches_; }
+  /// Returns a texel that is one point.
+  Patch patch(std::uint32_t texel) const { return patches_[texel]; }
   /// Returns the point in the middle of a texel.
   Point middle(std::uint32_t texel) const;
 
@@ -64,17 +62,21 @@ class Patches {
 
   /// Returns whether two texels are too near to each other on one chart to exchange light, see
   /// proto::SolverSettings::window.
-  bool are_excluded(std::uint32_t a, std::uint32_t b) const;
+  bool are_excluded(std::uint32_t a, std::uint32_t b) const {
+    return texels_.chart[a] == texels_.chart[b] &&
+           std::abs(std::int32_t(texels_.x[a]) - std::int32_t(texels_.x[b])) < window_ &&
+           std::abs(std::int32_t(texels_.y[a]) - std::int32_t(texels_.y[b])) < window_;
+  }
 
  private:
-  void add_middle(const World&, std::uint32_t texel, const Footprint&, std::uint32_t hidden);
-  void add_footprint(const Footprint&);
+  Point middle_of(const World&, std::uint32_t texel, const Footprint&, std::uint32_t hidden) const;
 
   const atlas::TextureGroup& texels_;
-  const std::uint32_t pair_samples_, per_texel_;
+  const std::uint32_t pair_samples_;
   const std::int32_t window_;  ///< texels
   const std::uint32_t seed_;
-  std::vector<Point> points_;
+  PatchColumns patches_;       ///< with one sample a pair
+  std::vector<Point> points_;  ///< with more: sixteen of each texel
   std::vector<float> visible_share_;
 };
 

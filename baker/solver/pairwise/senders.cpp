@@ -40,7 +40,7 @@ struct Mean {
        std::span<const math::Rgb> light) {
     for (const std::uint32_t t : texels) {
       const double a = patches.area_m2(t);
-      const Patches::Point point = patches.middle(t);
+      const Point point = patches.middle(t);
       area += a;
       position += to_double(point.position) * a;
       origin += to_double(point.origin) * a;
@@ -71,6 +71,17 @@ std::uint32_t nearest(std::span<const std::uint32_t> texels, math::Vec3 to,
 
 }  // namespace
 
+void Senders::gather(const Patches& patches) {
+  if (patches.pair_samples() > 1) return;
+  columns.resize(list.size());
+  for (std::size_t s = 0; s < list.size(); ++s) {
+    Patch patch = patches.patch(list[s].texel);
+    patch.area_m2 = list[s].area_m2;
+    if (list[s].point != Sender::kTexelsOwn) patch.point = points[list[s].point], patch.visible = 1;
+    columns.set(s, patch);
+  }
+}
+
 SenderStrategy::SenderStrategy(const World& world, const Patches& patches,
                                const std::stop_token& stop)
     : texels_(world.texels),
@@ -82,10 +93,10 @@ SenderStrategy::SenderStrategy(const World& world, const Patches& patches,
 
 double SenderStrategy::memory_per_texel(const proto::SolverSettings& settings) {
   constexpr double kWindows = 4 * sizeof(std::uint32_t), kLeaves = 4 * sizeof(std::uint32_t);
-  double bytes = sizeof(math::Rgb) + sizeof(Sender);
+  double bytes = sizeof(math::Rgb) + sizeof(Sender) + PatchColumns::kBytes;
   if (settings.undersampling != Undersampling::kNone || settings.subdivision_threshold)
     bytes += kWindows;
-  if (settings.undersampling == Undersampling::kMipmap) bytes += sizeof(Patches::Point) / 2.0;
+  if (settings.undersampling == Undersampling::kMipmap) bytes += sizeof(Point) / 2.0;
   if (settings.subdivision_threshold) bytes += kLeaves;
   return bytes;
 }
@@ -119,6 +130,7 @@ std::optional<Senders> SenderStrategy::pick(std::span<const math::Rgb> radiosity
         add_means(w, radiosity, senders);
     }
   }
+  senders.gather(patches_);
   return senders;
 }
 
@@ -130,6 +142,7 @@ std::uint32_t SenderStrategy::pick_for(std::uint32_t receiver, std::span<const m
   const std::uint32_t seed = sampling::hash(seed_ ^ kReceivers, bounce, receiver);
   const std::uint32_t end = first + std::min(kPiece, windows_->size() - first);
   for (std::uint32_t w = first; w < end; ++w) add_drawn(w, seed, radiosity, senders);
+  senders.gather(patches_);
   return end < windows_->size() ? end : 0;
 }
 
@@ -178,7 +191,7 @@ void SenderStrategy::add_mean(std::span<const std::uint32_t> texels,
   const Mean mean(texels, patches_, radiosity);
   const math::Rgb light = mean.area > 0 ? mean.light() : math::Rgb();
   if (is_black(light)) return;
-  Patches::Point point;
+  Point point;
   point.position = mean.of(mean.position);
   const std::uint32_t texel = nearest(texels, point.position, patches_);
   const math::Vec3 normal = patches_.middle(texel).geometric_normal;

@@ -24,9 +24,12 @@ struct Sender {
 /// The senders of a pass, without those that are black.
 struct Senders {
   std::vector<Sender> list;
-  std::vector<Patches::Point> points;
+  std::vector<Point> points;
+  PatchColumns columns;  ///< all of `list` once more, see gather()
 
   void clear() { list.clear(), points.clear(); }
+  /// Fills `columns`. Does nothing where texels have many points.
+  void gather(const Patches&);
 };
 
 /// Picks the senders of each pass, as the settings ask for. Whatever the choice, the areas of all

@@ -40,6 +40,7 @@ class ShootingPass final : public TransportPass {
     std::sort(order.begin(), order.end());
     for (const std::uint32_t t : order)
       shots_.list.push_back({t, Sender::kTexelsOwn, parts_.patches.area_m2(t), radiosity_[t]});
+    shots_.gather(parts_.patches);
     return true;
   }
 

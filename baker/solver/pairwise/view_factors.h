@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <optional>
 
@@ -44,9 +45,12 @@ class ViewFactors {
   ViewFactors(const World& world, const Patches& patches, const trace::Visibility& visibility)
       : patches_(patches),
         visibility_(visibility),
-        scale_(1 / (math::kPi * world.settings.distance_factor * world.settings.distance_factor)),
-        per_sample_(1 / float(patches.pair_samples())) {
-    if (world.settings.near_field) near_.emplace(world);
+        kernels_(simd::kernels()),
+        rule_{1 / (math::kPi * world.settings.distance_factor * world.settings.distance_factor), 0,
+              std::int32_t(patches.window())} {
+    if (!world.settings.near_field) return;
+    near_.emplace(world);
+    rule_.near_widths2 = NearField::kReach * NearField::kReach;
   }
 
   /// Calls `use(s, F)` for the senders that give light to texel i, in their order; `s` is the place
@@ -57,24 +61,20 @@ class ViewFactors {
   template <class Use>
   std::uint64_t row(std::uint32_t i, const Senders& senders, const SeenPairs* seen,
                     const Use& use) const {
-    return walk(
-        i, Listed{patches_, senders}, 0, std::uint32_t(senders.list.size()), seen,
-        [](Factors f) { return f.forth > 0; },
-        [&](std::uint32_t s, Factors f) { use(s, f.forth); });
+    return walk(i, Listed{patches_, senders}, 0, std::uint32_t(senders.list.size()), seen,
+                Ways::kForth, [&](std::uint32_t s, Factors f) { use(s, f.forth); });
   }
   /// Calls `use(j, Factors)` for the texels of [begin, end) that exchange light with texel i,
   /// either way. @return rays traced
   template <class Use>
   std::uint64_t pairs(std::uint32_t i, std::uint32_t begin, std::uint32_t end,
                       const Use& use) const {
-    return walk(
-        i, Texels{patches_}, begin, end, nullptr,
-        [](Factors f) { return f.forth > 0 || f.back > 0; }, use);
+    return walk(i, Texels{patches_}, begin, end, nullptr, Ways::kBoth, use);
   }
 
   /// Returns cosθ cosθ'/r² either way, 1/m², without what may stand between; 0 when the points turn
   /// away from each other.
-  static Factors unoccluded(const Patches::Point& a, const Patches::Point& b) {
+  static Factors unoccluded(const Point& a, const Point& b) {
     constexpr float kSamePlace = 1e-30f;  // m²
     const math::Vec3 way = b.position - a.position;
     const float r2 = dot(way, way);
@@ -94,12 +94,8 @@ class ViewFactors {
     float area_m2(std::uint32_t j) const { return patches.area_m2(j); }
     /// Returns whether the end is a texel that stands for itself alone.
     bool is_texel(std::uint32_t) const { return true; }
-    float visible_pairs(std::uint32_t i, std::uint32_t j) const {
-      return patches.visible_pairs(i, j);
-    }
-    const Patches::Point& point(std::uint32_t j, std::uint32_t i) const {
-      return patches.point(j, i);
-    }
+    Point point(std::uint32_t j, std::uint32_t k) const { return patches.point(j, k); }
+    const PatchColumns& columns() const { return patches.columns(); }
   };
   struct Listed {
     const Patches& patches;
@@ -111,117 +107,206 @@ class ViewFactors {
       const Sender& sender = senders.list[s];
       return sender.point == Sender::kTexelsOwn && sender.area_m2 == patches.area_m2(sender.texel);
     }
-    float visible_pairs(std::uint32_t i, std::uint32_t s) const {
+    Point point(std::uint32_t s, std::uint32_t k) const {
       const Sender& sender = senders.list[s];
-      return sender.point == Sender::kTexelsOwn ? patches.visible_pairs(i, sender.texel)
-                                                : patches.visible_pairs(i);
-    }
-    const Patches::Point& point(std::uint32_t s, std::uint32_t i) const {
-      const Sender& sender = senders.list[s];
-      return sender.point == Sender::kTexelsOwn ? patches.point(sender.texel, i)
+      return sender.point == Sender::kTexelsOwn ? patches.point(sender.texel, k)
                                                 : senders.points[sender.point];
     }
+    const PatchColumns& columns() const { return senders.columns; }
   };
 
-  template <class Others, class Matters, class Use>
-  std::uint64_t walk(std::uint32_t i, const Others& others, std::uint32_t begin, std::uint32_t end,
-                     const SeenPairs* seen, const Matters& matters, const Use& use) const {
-    Queue<Others, Use> queue(*this, i, others, use);
-    const std::uint32_t samples = patches_.pair_samples();
-    for (std::uint32_t s = begin; s < end; ++s) {
-      const std::uint32_t j = others.texel(s);
-      if (j == i) continue;
-      const auto known = seen ? seen->ask(i, j) : SeenPairs::Answer::kUnknown;
-      if (known == SeenPairs::Answer::kApart) continue;
-      const std::uint32_t key = samples > 1 ? patches_.pair_key(i, j) : 0;
-      bool excluded = false, asked = false;
-      for (std::uint32_t k = 0; k < samples && !excluded; ++k) {
-        const Patches::Ends ends = patches_.ends(i, j, key, k);
-        const Patches::Point& one = patches_.point(i, ends.receiver);
-        const Patches::Point& other = others.point(s, ends.sender);
-        const Factors kernel = unoccluded(one, other);
-        if (!matters(kernel)) continue;
-        if (!asked) excluded = patches_.are_excluded(i, j), asked = true;
-        if (excluded) continue;
-        queue.add(s, kernel, one.origin, other.origin, known == SeenPairs::Answer::kSeen);
-      }
+  /// Which ways of a pair count.
+  enum class Ways { kForth, kBoth };
+
+  /// The factors of one texel with those that are near to it.
+  class NearFactors {
+   public:
+    NearFactors(const ViewFactors& of, std::uint32_t i) : of_(of), i_(i) {}
+
+    /// @param far the factors by the formula; the mean takes the place of those above 0
+    /// @param open share of the formula's own pairs of points that is open
+    Factors operator()(std::uint32_t j, Factors far, Factors open = {1, 1}) {
+      if (!points_) points_ = of_.near_->points(i_);
+      const NearField::Kernel all = NearField::mean(*points_, of_.near_->points(j));
+      const Factors mean{far.forth > 0 ? all.forth * open.forth : 0,
+                         far.back > 0 ? all.back * open.back : 0};
+      return of_.factors(mean, of_.patches_.visible_pairs(i_, j), of_.patches_.area_m2(i_),
+                         of_.patches_.area_m2(j));
     }
-    queue.finish();
-    return queue.traced();
+
+   private:
+    const ViewFactors& of_;
+    const std::uint32_t i_;
+    std::optional<NearField::Points> points_;  ///< of texel i, once a near one needs them
+  };
+
+  template <class Others, class Use>
+  std::uint64_t walk(std::uint32_t i, const Others& others, std::uint32_t begin, std::uint32_t end,
+                     const SeenPairs* seen, Ways ways, const Use& use) const {
+    if (patches_.pair_samples() == 1) return walk_patches(i, others, begin, end, seen, ways, use);
+    return walk_samples(i, others, begin, end, ways, use);
   }
 
-  /// Collects segments of a row until there are sixteen, and traces those of which nothing is
-  /// known. The segments of a pair follow each other, and their sum is passed on when those of the
-  /// next pair begin.
+  /// Goes through pairs of texels that are one point each, sixteen at a time.
   template <class Others, class Use>
-  class Queue {
-   public:
-    Queue(const ViewFactors& factors, std::uint32_t i, const Others& others, const Use& use)
-        : of_(factors), i_(i), others_(others), use_(use) {}
+  std::uint64_t walk_patches(std::uint32_t i, const Others& others, std::uint32_t begin,
+                             std::uint32_t end, const SeenPairs* seen, Ways ways,
+                             const Use& use) const {
+    const simd::PatchColumns one = patches_.columns().view(), all = others.columns().view();
+    const math::Vec3 origin = patches_.columns().origin(i);
+    NearFactors near(*this, i);
+    const auto pass_on = [&](std::uint32_t s, Factors f, bool is_near) {
+      use(s, is_near && others.is_texel(s) ? near(others.texel(s), f) : f);
+    };
+    Segments<decltype(pass_on)> segments(visibility_, pass_on);
+    simd::Exchange exchange;
+    for (std::uint32_t first = begin; first < end; first += 16) {
+      kernels_.exchange(one, i, all, first, rule_, exchange);
+      std::uint32_t left = exchange.gives | (ways == Ways::kBoth ? exchange.takes : 0);
+      if (end - first < 16) left &= (1u << (end - first)) - 1;
+      for (; left != 0; left &= left - 1) {
+        const auto lane = std::uint32_t(std::countr_zero(left));
+        const std::uint32_t s = first + lane, j = others.texel(s);
+        const auto known = seen ? seen->ask(i, j) : SeenPairs::Answer::kUnknown;
+        if (known == SeenPairs::Answer::kApart) continue;
+        segments.add(s, {exchange.forth[lane], exchange.back[lane]}, exchange.near >> lane & 1,
+                     known == SeenPairs::Answer::kSeen, i < j, origin, others.columns().origin(s));
+      }
+    }
+    return segments.finish();
+  }
 
-    void add(std::uint32_t j, Factors kernel, math::Vec3 at_i, math::Vec3 at_j, bool is_open) {
-      j_[count_] = j, kernel_[count_] = kernel;
+  /// Collects segments of a row until there are sixteen, traces those of which nothing is known,
+  /// and passes on those that are open, in the order in which they came.
+  template <class PassOn>
+  class Segments {
+   public:
+    Segments(const trace::Visibility& visibility, const PassOn& pass_on)
+        : visibility_(visibility), pass_on_(pass_on) {}
+
+    void add(std::uint32_t s, Factors factors, bool is_near, bool is_open, bool from_one,
+             math::Vec3 one, math::Vec3 other) {
+      number_[count_] = s, factors_[count_] = factors, near_ |= std::uint32_t(is_near) << count_;
       lane_[count_] = is_open ? kOpen : packet_.count;
-      if (!is_open) i_ < others_.texel(j) ? packet_.add(at_i, at_j) : packet_.add(at_j, at_i);
+      if (!is_open) from_one ? packet_.add(one, other) : packet_.add(other, one);
       if (++count_ == 16) settle();
     }
-    void finish() {
+    /// @return rays traced
+    std::uint64_t finish() {
       settle();
-      pass_on();
+      return traced_;
     }
-    std::uint64_t traced() const { return traced_; }
 
    private:
     /// The lane of a segment that is known to be open: no bit of an answer.
     static constexpr std::uint32_t kOpen = 31;
 
     void settle() {
-      const std::uint32_t blocked = packet_.count > 0 ? of_.visibility_.blocked(packet_) : 0;
-      for (std::uint32_t s = 0; s < count_; ++s) {
-        if (j_[s] != last_) pass_on(), last_ = j_[s];
-        all_ += kernel_[s];
-        if (!(blocked >> lane_[s] & 1)) sum_ += kernel_[s];
-      }
+      const std::uint32_t blocked = packet_.count > 0 ? visibility_.blocked(packet_) : 0;
+      for (std::uint32_t k = 0; k < count_; ++k)
+        if (!(blocked >> lane_[k] & 1)) pass_on_(number_[k], factors_[k], near_ >> k & 1);
       traced_ += packet_.count;
-      packet_.count = count_ = 0;
-    }
-    void pass_on() {
-      if (sum_.forth > 0 || sum_.back > 0) {
-        const float a_i = of_.patches_.area_m2(i_), a_j = others_.area_m2(last_);
-        const float scale = of_.scale_ * others_.visible_pairs(i_, last_);
-        const Factors mean = mean_kernel();
-        use_(last_, Factors{std::min(mean.forth * scale * a_j, std::min(1.f, a_j / a_i)),
-                            std::min(mean.back * scale * a_i, std::min(1.f, a_i / a_j))});
-      }
-      sum_ = all_ = {};
-    }
-    /// Returns the mean over the samples of the last pair, what is hidden left out.
-    Factors mean_kernel() {
-      const std::uint32_t j = others_.texel(last_);
-      if (!of_.near_ || !others_.is_texel(last_) || !of_.near_->is_near(i_, j))
-        return {sum_.forth * of_.per_sample_, sum_.back * of_.per_sample_};
-      if (!points_) points_ = of_.near_->points(i_);
-      const NearField::Kernel all = NearField::mean(*points_, of_.near_->points(j));
-      return {sum_.forth > 0 ? all.forth * (sum_.forth / all_.forth) : 0,
-              sum_.back > 0 ? all.back * (sum_.back / all_.back) : 0};
+      packet_.count = count_ = near_ = 0;
     }
 
+    const trace::Visibility& visibility_;
+    const PassOn& pass_on_;
+    trace::SegmentPacket packet_;
+    std::uint32_t number_[16], lane_[16], count_ = 0, near_ = 0;
+    Factors factors_[16];
+    std::uint64_t traced_ = 0;
+  };
+
+  /// Goes through pairs of texels with several points each.
+  template <class Others, class Use>
+  std::uint64_t walk_samples(std::uint32_t i, const Others& others, std::uint32_t begin,
+                             std::uint32_t end, Ways ways, const Use& use) const {
+    Samples<Others, Use> samples(*this, i, others, use);
+    for (std::uint32_t s = begin; s < end; ++s) {
+      const std::uint32_t j = others.texel(s);
+      if (patches_.are_excluded(i, j)) continue;
+      const std::uint32_t key = patches_.pair_key(i, j);
+      for (std::uint32_t k = 0; k < patches_.pair_samples(); ++k) {
+        const Patches::Ends ends = patches_.ends(i, j, key, k);
+        const Point one = patches_.point(i, ends.receiver), other = others.point(s, ends.sender);
+        const Factors kernel = unoccluded(one, other);
+        if (kernel.forth > 0 || (ways == Ways::kBoth && kernel.back > 0))
+          samples.add(s, kernel, one.origin, other.origin);
+      }
+    }
+    return samples.finish();
+  }
+
+  /// Collects samples of pairs until there are sixteen, and traces them. Those of a pair follow
+  /// each other, and its factors are passed on when the samples of the next pair begin.
+  template <class Others, class Use>
+  class Samples {
+   public:
+    Samples(const ViewFactors& factors, std::uint32_t i, const Others& others, const Use& use)
+        : of_(factors), near_(factors, i), i_(i), others_(others), use_(use) {}
+
+    void add(std::uint32_t s, Factors kernel, math::Vec3 one, math::Vec3 other) {
+      number_[packet_.count] = s, kernel_[packet_.count] = kernel;
+      i_ < others_.texel(s) ? packet_.add(one, other) : packet_.add(other, one);
+      if (packet_.is_full()) settle();
+    }
+    /// @return rays traced
+    std::uint64_t finish() {
+      settle();
+      pass_on();
+      return traced_;
+    }
+
+   private:
+    void settle() {
+      const std::uint32_t blocked = packet_.count > 0 ? of_.visibility_.blocked(packet_) : 0;
+      for (std::uint32_t k = 0; k < packet_.count; ++k) {
+        if (number_[k] != last_) pass_on(), last_ = number_[k];
+        all_ += kernel_[k];
+        if (!(blocked >> k & 1)) open_ += kernel_[k];
+      }
+      traced_ += packet_.count;
+      packet_.count = 0;
+    }
+    void pass_on() {
+      if (open_.forth > 0 || open_.back > 0) {
+        const std::uint32_t j = others_.texel(last_);
+        const float part = 1 / float(of_.patches_.pair_samples());
+        const Factors far = of_.factors({open_.forth * part, open_.back * part}, 1,
+                                        of_.patches_.area_m2(i_), others_.area_m2(last_));
+        const bool is_near = of_.near_ && others_.is_texel(last_) && of_.near_->is_near(i_, j);
+        use_(last_,
+             is_near ? near_(j, far, {share(open_.forth, all_.forth), share(open_.back, all_.back)})
+                     : far);
+      }
+      open_ = all_ = {};
+    }
+    static float share(float part, float whole) { return whole > 0 ? part / whole : 0; }
+
     const ViewFactors& of_;
+    NearFactors near_;
     const std::uint32_t i_;
     const Others& others_;
     const Use& use_;
     trace::SegmentPacket packet_;
-    std::uint32_t j_[16]{}, lane_[16]{}, count_ = 0;
+    std::uint32_t number_[16];
     Factors kernel_[16];
     std::uint32_t last_ = 0;
-    Factors sum_, all_;                        ///< kernels of the last pair: seen, and hidden too
-    std::optional<NearField::Points> points_;  ///< of texel i, once a near one needs them
+    Factors open_, all_;  ///< sums of the samples of the last pair
     std::uint64_t traced_ = 0;
   };
 
+  /// Returns view factors of a mean kernel. @param worth share of the pairs of points that counts
+  Factors factors(Factors mean, float worth, float a_i, float a_j) const {
+    const float scale = rule_.scale * worth;
+    return {std::min(mean.forth * scale * a_j, std::min(1.f, a_j / a_i)),
+            std::min(mean.back * scale * a_i, std::min(1.f, a_i / a_j))};
+  }
+
   const Patches& patches_;
   const trace::Visibility& visibility_;
-  const float scale_, per_sample_;
+  const simd::Kernels& kernels_;
+  simd::ExchangeRule rule_;
   std::optional<NearField> near_;  ///< none: the formula everywhere
 };
 
