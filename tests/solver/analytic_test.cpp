@@ -92,23 +92,20 @@ TEST_P(Transported, EmittersBringTheLightOfShadowRays) {
   s.tolerance = 0;
   s.coarse_indirect = false;
   s.series = proto::Series::kUnbiased;
-  const SeedStudy expected(box, s, kSeeds, all_texels(box));
-  std::vector<SeedStudy> expected_faces, faces;
-  for (std::uint32_t q = 0; q < kFaces; ++q)
-    expected_faces.emplace_back(box, s, kSeeds, box.texels_of(q));
+  const std::vector<Solution> sampled = bakes_of_seeds(box, s, kSeeds);
   s.emitters = proto::Emitters::kTransport;
-  for (std::uint32_t q = 0; q < kFaces; ++q) faces.emplace_back(box, s, kSeeds, box.texels_of(q));
+  const std::vector<Solution> transported = bakes_of_seeds(box, s, kSeeds);
+  const SeedStudy expected(box, sampled, all_texels(box));
+  const SeedStudy study(box, transported, all_texels(box));
   for (std::uint32_t q = 0; q < kFaces; ++q) {
-    const double error =
-        std::hypot(faces[q].area_standard_error, expected_faces[q].area_standard_error);
-    EXPECT_NEAR(faces[q].area_mean, expected_faces[q].area_mean,
-                kSigmas * error + kRounding * expected.area_mean)
+    const SeedStudy one(box, sampled, box.texels_of(q)), other(box, transported, box.texels_of(q));
+    const double error = std::hypot(one.area_standard_error, other.area_standard_error);
+    EXPECT_NEAR(other.area_mean, one.area_mean, kSigmas * error + kRounding * expected.area_mean)
         << "face " << q;
     EXPECT_LT(error, 0.02 * expected.area_mean) << "the test can fail";
   }
   // A direction brings at most the brightest radiosity B, so that the variance of a texel is no
   // more than B E / N: seeds that meet a lamp nowhere tell nothing of it themselves.
-  const SeedStudy study(box, s, kSeeds, all_texels(box));
   const double brightest = double(math::kPi) * 4 + 0.6 * std::ranges::max(expected.mean);
   double square = 0, most = 0;
   for (std::size_t i = 0; i < study.mean.size(); ++i) {
@@ -118,8 +115,7 @@ TEST_P(Transported, EmittersBringTheLightOfShadowRays) {
             expected.standard_error[i] * expected.standard_error[i];
   }
   EXPECT_LT(square, 1.2 * most);
-  const Solution solution = box.solve(s);
-  for (const math::Rgb& e : solution.light->direct) ASSERT_TRUE(is_black(e));
+  for (const math::Rgb& e : transported.front().light->direct) ASSERT_TRUE(is_black(e));
 }
 
 double face_mean(const QuadScene& scene, std::uint32_t quad, proto::Method method,
