@@ -20,6 +20,7 @@
 #include "baker/solve.h"
 #include "baker/solve_session.h"
 #include "proto/json.h"
+#include "proto/settings_schema.h"
 #include "proto/sha256.h"
 
 namespace kiln::baker {
@@ -106,8 +107,9 @@ checkpoint::Checkpoints::Listener checkpoint_listener(BakeObserver& observer) {
 Expected<void> announce_scene(const BakeInput& input, const scene::Scene& scene,
                               proto::Manifest& manifest, const std::stop_token& stop,
                               BakeObserver& observer) {
-  manifest.warnings = scene.warnings;
-  for (const auto& w : scene.warnings) observer.on_warning(w);
+  manifest.warnings = proto::settings_without_effect(input.settings);
+  manifest.warnings.insert(manifest.warnings.end(), scene.warnings.begin(), scene.warnings.end());
+  for (const auto& w : manifest.warnings) observer.on_warning(w);
   count_scene(scene, manifest.statistics);
   const std::uint64_t memory = estimate_memory(scene, input.settings);
   manifest.statistics.memory_estimate_bytes = memory;
@@ -177,8 +179,8 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
                                       checkpoint_listener(observer));
   const auto solver = make_solver(*bake.world);
   solver::SolveStart start = checkpoints.find(*solver, bake.texels->size());
-  SolveSession session(input, *solver, bake.texels, start, checkpoints.writer(), observer, reporter,
-                       reference->work());
+  SolveSession session(input, *bake.world, *solver, bake.texels, start, checkpoints.writer(),
+                       observer, reporter, reference->work());
   const auto solution = solve(*bake.world, *solver, pool, stop, session.hooks(), std::move(start));
   if (!solution) return Unexpected(solution.error());
   checkpoints.writer().write_now();  // while the files are written

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "baker/solver/directional/directional.h"
+#include "baker/solver/emittance.h"
 #include "baker/solver/gather/gather.h"
 #include "baker/solver/links/links.h"
 #include "baker/solver/pairwise/pairwise.h"
@@ -43,7 +44,8 @@ MethodMemory gather_memory(const proto::SolverSettings& settings, const solver::
   double hits = std::min(hit_budget(settings), texels * kHitBytes * plan.directions);
   if (plan.coarse && hits >= texels * kOwnPages) hits *= kGatheredShare;
   memory.all_passes = hits;
-  memory.texel_state = sizeof(math::Rgb) + sizeof(std::uint8_t);
+  memory.texel_state =
+      sizeof(math::Rgb) + sizeof(std::uint8_t) + solver::sent_emittance_memory_per_texel(settings);
   memory.texel_pass = kBouncedPlanes + kRadiosity;
   memory.texel_complete = plan.target_error > 0 ? kSampledPlanes : kBouncedPlanes;
   return memory;
@@ -78,7 +80,9 @@ MethodMemory radiosity_map_memory(const proto::SolverSettings& settings,
   MethodMemory memory;
   memory.all_passes =
       texels * kHitBytes * solver::radiosity_map::kept_directions(settings, plan, texels);
-  if (settings.series == proto::Series::kUnbiased) memory.texel_state = sizeof(math::Rgb);
+  memory.texel_state = solver::sent_emittance_memory_per_texel(settings);
+  if (settings.ambient_term) memory.texel_state *= 2;  // previews look for it, too
+  if (settings.series == proto::Series::kUnbiased) memory.texel_state += sizeof(math::Rgb);
   memory.texel_pass = memory.texel_complete = kSampledPlanes + kBouncedPlanes + kRadiosity;
   return memory;
 }
@@ -118,12 +122,10 @@ proto::Unexpected too_expensive(const std::string& cost, const std::string& advi
 
 proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, double texels) {
   using namespace solver::pairwise;
-  const bool transports = settings.emitters == proto::Emitters::kTransport;
-  const double bounces = std::min(settings.bounces + transports, kTypicalBounces);
+  const double bounces = std::min(solver::bounce_limit(settings), kTypicalBounces);
   const bool has_windows = settings.undersampling != proto::Undersampling::kNone;
   const std::uint32_t window = has_windows ? settings.window.value_or(1) : 1;
-  const double pass = kFacingShare * pass_rays(texels, settings.pair_samples, window);
-  const double rays = bounces * pass;
+  const double rays = bake_rays(settings, texels, window, bounces);
   if (rays <= kMostPairRays || settings.allow_expensive) return {};
   // Texels go with the square of the page's side, and rays with the square of texels, or with the
   // texels over the square of the window's side.
@@ -134,7 +136,9 @@ proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, doub
           std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
           " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
           " hours at 10 million rays a second, and " +
-          gib(texels * pairwise_memory_per_texel(settings)) + " of memory.",
+          gib(texels * pairwise_memory_per_texel(settings) +
+              pairwise_extra_memory(settings, texels)) +
+          " of memory.",
       "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
           ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
 }

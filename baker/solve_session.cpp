@@ -3,6 +3,7 @@
 #include <span>
 #include <utility>
 
+#include "baker/solver/emittance.h"
 #include "baker/solver/radiosity_map/ambient_term.h"
 
 namespace kiln::baker {
@@ -31,12 +32,14 @@ void fade(const lightmap::Lightmap& from, lightmap::Lightmap& to, float share) {
 
 }  // namespace
 
-SolveSession::SolveSession(const BakeInput& input, const solver::Solver& solver,
+SolveSession::SolveSession(const BakeInput& input, const solver::World& world,
+                           const solver::Solver& solver,
                            std::shared_ptr<const atlas::TextureGroup> texels,
                            const solver::SolveStart& start, checkpoint::CheckpointWriter& writer,
                            BakeObserver& observer, progress::ProgressReporter& reporter,
                            const solver::Work& reference)
     : input_(input),
+      world_(world),
       solver_(solver),
       texels_(std::move(texels)),
       writer_(writer),
@@ -111,9 +114,10 @@ void SolveSession::on_pass(const solver::PassPlan& plan, const proto::PassReport
   const proto::SolverSettings& settings = input_.settings.solver;
   const bool guesses = settings.ambient_term && settings.method == proto::Method::kRadiosityMap &&
                        settings.bounces > 0 && !plan.completes;
-  show(
-      guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown()) : light->shown(),
-      report.index);
+  show(guesses ? solver::radiosity_map::with_ambient_term(*texels_, light->shown(),
+                                                          solver::sent_emittance(world_))
+               : light->shown(),
+       report.index);
   writer_.submit(plan, passes_, std::move(light));
 }
 

@@ -20,9 +20,10 @@ class SolveSession {
  public:
   /// Reports to the observer what `start` already holds. All arguments outlive the session.
   /// @param reference the work of a reference that is made after the solve
-  SolveSession(const BakeInput&, const solver::Solver&, std::shared_ptr<const atlas::TextureGroup>,
-               const solver::SolveStart& start, checkpoint::CheckpointWriter&, BakeObserver&,
-               progress::ProgressReporter&, const solver::Work& reference = {});
+  SolveSession(const BakeInput&, const solver::World&, const solver::Solver&,
+               std::shared_ptr<const atlas::TextureGroup>, const solver::SolveStart& start,
+               checkpoint::CheckpointWriter&, BakeObserver&, progress::ProgressReporter&,
+               const solver::Work& reference = {});
 
   /// Returns the hooks for solve(). They refer to the session.
   SolveHooks hooks();
@@ -41,6 +42,7 @@ class SolveSession {
                                lightmap::Lightmap& after);
 
   const BakeInput& input_;
+  const solver::World& world_;
   const solver::Solver& solver_;
   const std::shared_ptr<const atlas::TextureGroup> texels_;
   checkpoint::CheckpointWriter& writer_;

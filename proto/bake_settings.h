@@ -151,7 +151,12 @@ enum class SenderSeed { kWindow, kReceiver };
 enum class Iteration { kJacobi, kGaussSeidel, kShooting };
 
 /// The way in which it is found what stands between two texels (pairwise, matrix).
-enum class VisibilityKind { kRay, kCached, kVoxel };
+enum class VisibilityKind {
+  kAuto,    ///< cached where the memory for it holds all pairs, otherwise ray (pairwise)
+  kRay,     ///< a ray in every bounce, from either end
+  kCached,  ///< a ray for each unordered pair, once; its answer is remembered
+  kVoxel,   ///< a march through voxels
+};
 enum class VoxelMarch { kFixedSteps, kExact };
 
 /// The directions of a texel (directional).
@@ -202,7 +207,7 @@ struct SolverSettings {
   std::optional<float> subdivision_threshold;
   float subdivision_ramp = 0;              ///< added to the threshold after every pass
   std::uint32_t subdivision_max_node = 8;  ///< longest side of a leaf, texels
-  VisibilityKind visibility = VisibilityKind::kRay;
+  VisibilityKind visibility = VisibilityKind::kAuto;
   std::uint32_t visibility_cache_mib = 256;  ///< memory for remembered visibility (cached)
   std::uint32_t voxel_grid = 64;             ///< voxels along the longest side of the scene (voxel)
   VoxelMarch voxel_march = VoxelMarch::kExact;
@@ -257,6 +262,19 @@ struct PostSettings {
 
 enum class Precision { kHalf, kFloat };
 
+/// The form of the pages inside lit.glb.
+enum class GlbLightmap {
+  kSrgb8,  ///< eight bits with the curve of sRGB, over a scale that nearly all texels stay below
+  kRgbm,   ///< eight bits of color and a factor in alpha, which hold the whole range
+  kNone,   ///< no pages: texture coordinates and names only
+};
+
+/// The way in which lit.glb shows the light.
+enum class GlbMode {
+  kLightmap,  ///< as a lightmap beside the materials
+  kUnlit,     ///< as the color of unlit materials, for viewers that know no lightmap
+};
+
 struct OutputSettings {
   Precision precision = Precision::kHalf;
   std::vector<std::string> layers{"irradiance"};  ///< see the settings' table
@@ -265,6 +283,9 @@ struct OutputSettings {
   /// k of the previews' curve c / (k + c), with c over the brightest value; null: the usual curve.
   std::optional<float> tone_curve;
   float preview_fade = 1;  ///< share of the way to the computed light that a preview goes
+  GlbLightmap glb_lightmap = GlbLightmap::kSrgb8;
+  GlbMode glb_mode = GlbMode::kLightmap;
+  bool keep_lights = false;  ///< lit.glb keeps the lights whose light the pages hold
 };
 
 struct ReportSettings {

@@ -181,6 +181,8 @@ template <class Owner>
 json row_schema(const SettingRow<Owner>& row) {
   json schema = value_schema(row.spec);
   schema["default"] = row.read(Owner{}, row.spec);
+  const auto methods = methods_of(row.spec);
+  if (methods.size() < kMethodNames.size()) schema["x-methods"] = methods;
   return schema;
 }
 
@@ -218,13 +220,6 @@ void check_together(const BakeSettings& s, ProblemList& problems) {
                                       std::to_string(s.atlas.page_size) + "), found " +
                                       std::to_string(s.atlas.gutter));
   const SolverSettings& solver = s.solver;
-  constexpr std::array kTransporting{Method::kPairwise, Method::kMatrix, Method::kDirectional,
-                                     Method::kLinks};
-  if (solver.emitters == Emitters::kTransport &&
-      std::ranges::find(kTransporting, solver.method) == kTransporting.end())
-    problems.add("/solver/emitters",
-                 std::string("expected \"explicit\" with method \"") + to_string(solver.method) +
-                     "\"; only pairwise, matrix, links and directional take \"transport\"");
   const bool all_send =
       solver.undersampling == Undersampling::kNone && !solver.subdivision_threshold;
   if (solver.iteration == Iteration::kShooting && !all_send)

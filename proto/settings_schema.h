@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "proto/bake_settings.h"
+#include "proto/manifest.h"
 
 /// The one table of settings. The parser, the echo, the published JSON Schema and the documentation
 /// all come from it; a range is written down nowhere else.
@@ -40,6 +41,9 @@ struct SettingSpec {
   std::string_view unit = {};  ///< "" for counts and ratios
   std::string_view description = {};
   std::uint32_t used_by = ~0u;  ///< for lights: bit 1 << LightType of each type that has the key
+  std::uint32_t methods = ~0u;  ///< bit 1 << Method of each method that reads the setting
+  std::vector<std::string_view> layers = {};  ///< layers that read it whatever the method
+  bool reaches_reference = false;  ///< the method that report.against names reads it, too
 };
 
 /// A row of the table: the specification, and where the value lives in `Owner`.
@@ -59,6 +63,13 @@ struct SettingGroup {
 const std::vector<SettingGroup>& setting_groups();
 const std::vector<SettingRow<BakeSettings>>& setting_rows();
 const std::vector<SettingRow<LightSettings>>& light_rows();  ///< the first one is `type`
+
+/// Returns the names of the methods that read a setting.
+std::vector<std::string_view> methods_of(const SettingSpec&);
+/// Returns a warning `setting_without_effect`, with its pointer, for each setting of `solver` that
+/// differs from its default and that nothing of the bake reads: neither its method, nor a layer,
+/// nor the reference of its report.
+std::vector<Warning> settings_without_effect(const BakeSettings&);
 
 /// Returns what is wrong with the value, in words for a person, or nothing when it is valid.
 std::optional<std::string> check_value(const SettingSpec&, const nlohmann::json&);

@@ -104,6 +104,16 @@ std::string meanings_of(const std::array<Word, kCount>& words) {
 constexpr std::uint32_t bit(LightType t) {
   return 1u << static_cast<std::uint32_t>(t);
 }
+using enum Method;
+constexpr std::uint32_t bit(Method m) {
+  return 1u << static_cast<std::uint32_t>(m);
+}
+constexpr std::uint32_t bits(std::initializer_list<Method> methods) {
+  std::uint32_t all = 0;
+  for (const Method m : methods) all |= bit(m);
+  return all;
+}
+constexpr std::uint32_t kPairs = bits({kPairwise, kMatrix, kLinks}), kAllButPath = ~bit(kPath);
 constexpr std::uint32_t kPunctual = bit(LightType::kPoint) | bit(LightType::kSpot);
 constexpr std::uint32_t kPlaced = kPunctual | bit(LightType::kRect);
 constexpr std::uint32_t kAimed =
@@ -197,19 +207,24 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "path): where the first quarter agrees over 16 texels, no more "
                           "follow. radiosity_map sends them all. null: as many as "
                           "target_error asks for (gather), 200 (radiosity_map), as many as "
-                          "target_error begins with (pairwise, matrix)."}),
+                          "target_error begins with (pairwise, matrix).",
+           .methods = kAllButPath}),
       row<[](auto& s) -> auto& { return s.solver.hit_memory_mib; }>(
           {.path = "solver.hit_memory_mib", .kind = kInteger, .min = 1, .max = 65536, .unit = "MiB",
            .description = "Memory for the hits that directions remember, 4 bytes each, so that bounces "
                           "need no rays (gather). Where it can't hold the hits of all samples, fewer "
                           "samples feed the bounces, and the rest are traced once at the end. "
-                          "radiosity_map remembers the first 64 at most."}),
+                          "radiosity_map remembers the first 64 at most.",
+           .methods = bits({kGather, kRadiosityMap}),
+           .reaches_reference = true}),
       row<[](auto& s) -> auto& { return s.solver.coarse_indirect; }>(
           {.path = "solver.coarse_indirect", .kind = kBoolean,
            .description = "Gather indirect light at every second texel of a row and of a column, and "
                           "interpolate where those around a texel agree within 6 %; the other texels "
                           "are gathered too (gather). It has no effect where target_error is below "
-                          "0.008 and samples is null, since interpolation would be visible."}),
+                          "0.008 and samples is null, since interpolation would be visible, and "
+                          "with emitters \"transport\".",
+           .methods = bit(kGather)}),
       row<[](auto& s) -> auto& { return s.solver.ray_pattern; }>(
           {.path = "solver.ray_pattern", .kind = kChoice,
            .choices = {"auto", "tile", "block", "strata", "incoherent"},
@@ -217,11 +232,14 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "direction from up to 16 texels near to each other. block: four directions "
                           "near to each other from four texels. strata: 16 directions near to each "
                           "other from one texel. incoherent: 16 directions all over the hemisphere of "
-                          "one texel. auto: the fastest for the scene; the manifest names it."}),
+                          "one texel. auto: the fastest for the scene; the manifest names it.",
+           .methods = bits({kGather, kRadiosityMap})}),
       row<[](auto& s) -> auto& { return s.solver.tolerance; }>(
           {.path = "solver.tolerance", .kind = kNumber, .min = 0, .max = 1,
            .description = "Bouncing stops when a bounce changes the irradiance by less than this "
-                          "share (gather, pairwise, directional). 0: only at the limit on bounces."}),
+                          "share. 0: only at the limit on bounces.",
+           .methods = ~bits({kPath, kMatrix}),
+           .reaches_reference = true}),
       row<[](auto& s) -> auto& { return s.solver.seed; }>(
           {.path = "solver.seed", .kind = kInteger, .min = 0, .max = 9007199254740991.0,
            .description = "Start of the random numbers. Same scene, settings and seed give the same "
@@ -235,32 +253,43 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "scrambled Sobol sequence. closed_form: few plain lamps are sampled as "
                           "textured ones are. light_importance: one of many lights is drawn by its "
                           "power alone. shadow_probes: all shadow rays are sent, even where the "
-                          "first agree."}),
+                          "first agree.",
+           .methods = kAllButPath}),
       row<[](auto& s) -> auto& { return s.solver.pair_samples; }>(
           {.path = "solver.pair_samples", .kind = kInteger, .min = 1, .max = 256,
            .unit = "samples/pair",
-           .description = "Pairs of points between which the view factor of two texels is taken "
-                          "(pairwise, matrix). 1: the middles of the texels. More: random pairs of "
-                          "their sixteen points each."}),
+           .description = "Pairs of points between which the view factor of two texels is taken. "
+                          "1: the middles of the texels. More: random pairs of "
+                          "their sixteen points each.",
+           .methods = kPairs,
+           .layers = {"tree", "senders"}}),
       row<[](auto& s) -> auto& { return s.solver.near_field; }>(
           {.path = "solver.near_field", .kind = kBoolean,
            .description = "Take the view factor of two texels that are nearer to each other than four "
-                          "of their widths as the mean over all 256 pairs of their points (pairwise, "
-                          "matrix, links). false: by the formula for pairs of points alone, as in "
-                          "RTRad, which brightens corners."}),
+                          "of their widths as the mean over all 256 pairs of their points. "
+                          "false: by the formula for pairs of points alone, as in "
+                          "RTRad, which brightens corners.",
+           .methods = kPairs}),
       row<[](auto& s) -> auto& { return s.solver.reflectivity_factor; }>(
           {.path = "solver.reflectivity_factor", .kind = kNumber, .min = 0, .max = 1,
-           .description = "Factor on every albedo (pairwise, matrix). 1: the scene's own."}),
+           .description = "Factor on every albedo. 1: the scene's own.",
+           .methods = kPairs,
+           .layers = {"mip", "tree", "senders"},
+           .reaches_reference = true}),
       row<[](auto& s) -> auto& { return s.solver.distance_factor; }>(
           {.path = "solver.distance_factor", .kind = kNumber, .min = 0.01, .max = 100,
-           .description = "Factor on the distance of two texels in their view factor (pairwise, "
-                          "matrix). 1: physics."}),
+           .description = "Factor on the distance of two texels in their view factor. "
+                          "1: physics.",
+           .methods = kPairs,
+           .reaches_reference = true}),
       row<[](auto& s) -> auto& { return s.solver.window; }>(
           {.path = "solver.window", .kind = kInteger, .min = 1, .max = 256, .nullable = true,
            .unit = "texels",
            .description = "Texels of one chart that lie less than this apart, in x and in y, exchange no "
-                          "light (pairwise, matrix). 1: all exchange light. null: page_size / 128, at "
-                          "least 1."}),
+                          "light. 1: all exchange light. null: page_size / 128, at "
+                          "least 1.",
+           .methods = kPairs,
+           .layers = {"mip", "senders"}}),
       row<[](auto& s) -> auto& { return s.solver.undersampling; }>(
           {.path = "solver.undersampling", .kind = kChoice,
            .choices = {"none", "stride", "monte_carlo", "mipmap"},
@@ -268,90 +297,118 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "others take one sender for each window of window x window texels of a page, "
                           "with the area of all of them. stride: the first texel of the window. "
                           "monte_carlo: a random one, drawn by area, anew in every pass. mipmap: the "
-                          "mean of the window's texels, one for each chart in it."}),
+                          "mean of the window's texels, one for each chart in it.",
+           .methods = bit(kPairwise),
+           .layers = {"senders"}}),
       row<[](auto& s) -> auto& { return s.solver.sender_seed; }>(
           {.path = "solver.sender_seed", .kind = kChoice, .choices = {"window", "receiver"},
            .description = "What the random sender hangs on (monte_carlo). window: on the window and the "
                           "pass, the same for all receivers, so that the error is a pattern. receiver: "
-                          "on the receiver, too, so that the error is noise."}),
+                          "on the receiver, too, so that the error is noise.",
+           .methods = bit(kPairwise),
+           .layers = {"senders"}}),
       row<[](auto& s) -> auto& { return s.solver.iteration; }>(
           {.path = "solver.iteration", .kind = kChoice,
            .choices = {"jacobi", "gauss_seidel", "shooting"},
            .description = "Order of the bounces (pairwise). jacobi: a pass is a bounce of the light "
                           "before it. gauss_seidel: the tiles of a pass follow each other and read "
                           "what those before them have just got. shooting: the texels with the most "
-                          "unshot light send it first, a block of them a pass."}),
+                          "unshot light send it first, a block of them a pass.",
+           .methods = bit(kPairwise)}),
       row<[](auto& s) -> auto& { return s.solver.batch_texels; }>(
           {.path = "solver.batch_texels", .kind = kInteger, .min = 1, .max = 65536,
            .nullable = true, .unit = "texels",
-           .description = "Texels of a batch, for measurements (pairwise). null: as many as take some "
-                          "tens of milliseconds."}),
+           .description = "Texels of a batch, for measurements. null: as many as take some "
+                          "tens of milliseconds.",
+           .methods = bits({kPairwise, kLinks})}),
       row<[](auto& s) -> auto& { return s.solver.max_contribution; }>(
           {.path = "solver.max_contribution", .kind = kNumber, .min = 1e-6, .max = 1,
            .nullable = true,
            .description = "Clamp of the light that one sender gives a texel in a pass, as a share of the "
                           "brightest sender's radiosity (pairwise). RTRad takes 0.05. The energy that it takes "
-                          "is told. null: no clamp."}),
+                          "is told. null: no clamp.",
+           .methods = bit(kPairwise)}),
       row<[](auto& s) -> auto& { return s.solver.max_view_factor; }>(
           {.path = "solver.max_view_factor", .kind = kNumber, .min = 1e-6, .max = 1,
            .nullable = true,
            .description = "Clamp of a view factor (pairwise). The energy that it takes is told. null: "
-                          "no clamp."}),
+                          "no clamp.",
+           .methods = bit(kPairwise)}),
       row<[](auto& s) -> auto& { return s.solver.subdivision_threshold; }>(
           {.path = "solver.subdivision_threshold", .kind = kNumber, .min = 0, .max = 10,
            .nullable = true,
            .description = "Senders are the leaves of a quadtree over each chart: four siblings become "
                           "one where the gradient of radiosity and normals over the node stays below "
-                          "this (pairwise). RTRad takes 0.05. null: no quadtree."}),
+                          "this (pairwise). RTRad takes 0.05. null: no quadtree.",
+           .methods = bit(kPairwise),
+           .layers = {"tree", "senders"}}),
       row<[](auto& s) -> auto& { return s.solver.subdivision_ramp; }>(
           {.path = "solver.subdivision_ramp", .kind = kNumber, .min = 0, .max = 1,
-           .description = "Grows subdivision_threshold by this after every pass."}),
+           .description = "Grows subdivision_threshold by this after every pass.",
+           .methods = bit(kPairwise)}),
       row<[](auto& s) -> auto& { return s.solver.subdivision_max_node; }>(
           {.path = "solver.subdivision_max_node", .kind = kInteger, .min = 4, .max = 64,
            .unit = "texels",
-           .description = "Longest side of a leaf of the quadtree; a power of two."}),
+           .description = "Longest side of a leaf of the quadtree; a power of two.",
+           .methods = bit(kPairwise),
+           .layers = {"tree", "senders"}}),
       row<[](auto& s) -> auto& { return s.solver.visibility; }>(
-          {.path = "solver.visibility", .kind = kChoice, .choices = {"ray", "cached", "voxel"},
-           .description = "How it is found what stands between two texels (pairwise). ray: a ray in "
-                          "every pass. cached: a ray in the first pass, remembered as one bit a pair. "
-                          "voxel: a march through a grid of voxels, coarse and approximate."}),
+          {.path = "solver.visibility", .kind = kChoice, .choices = {"auto", "ray", "cached", "voxel"},
+           .description = "How it is found what stands between two texels. "
+                          "auto: cached where solver.visibility_cache_mib holds all pairs of texels, "
+                          "otherwise ray (pairwise); ray (matrix, links). ray: a ray from either end, "
+                          "in every pass. cached: a ray for each pair, once, remembered as one bit "
+                          "(pairwise). voxel: a march through a grid of voxels, coarse and "
+                          "approximate.",
+           .methods = kPairs}),
       row<[](auto& s) -> auto& { return s.solver.visibility_cache_mib; }>(
           {.path = "solver.visibility_cache_mib", .kind = kInteger, .min = 1, .max = 65536,
            .unit = "MiB",
-           .description = "Memory for remembered visibility (cached). Pairs that it can't hold are "
-                          "traced in every pass; the log says how many it covers."}),
+           .description = "Memory for remembered visibility. Where it can't hold all pairs, auto "
+                          "remembers none; with cached, the others are traced in every pass, and a "
+                          "warning says how many it covers.",
+           .methods = bit(kPairwise)}),
       row<[](auto& s) -> auto& { return s.solver.voxel_grid; }>(
           {.path = "solver.voxel_grid", .kind = kInteger, .min = 8, .max = 512, .unit = "voxels",
-           .description = "Voxels along the longest side of the scene (voxel)."}),
+           .description = "Voxels along the longest side of the scene (voxel).",
+           .methods = kPairs,
+           .layers = {"voxels"}}),
       row<[](auto& s) -> auto& { return s.solver.voxel_march; }>(
           {.path = "solver.voxel_march", .kind = kChoice, .choices = {"fixed_steps", "exact"},
            .description = "fixed_steps: samples at even steps of a grid that is filled from each "
                           "triangle's main axis, as in RTRad; thin walls leak. exact: every voxel on "
-                          "the way of a grid with every voxel that a triangle touches (voxel)."}),
+                          "the way of a grid with every voxel that a triangle touches (voxel).",
+           .methods = kPairs,
+           .layers = {"voxels"}}),
       row<[](auto& s) -> auto& { return s.solver.voxel_ratio; }>(
           {.path = "solver.voxel_ratio", .kind = kNumber, .min = 0, .max = 1,
            .description = "Share of the segments that march through voxels; the others are traced by "
-                          "rays (voxel)."}),
+                          "rays (voxel).",
+           .methods = kPairs}),
       row<[](auto& s) -> auto& { return s.solver.direction_set; }>(
           {.path = "solver.direction_set", .kind = kChoice,
            .choices = {"largest_empty_circle", "hemicube"},
            .description = "Directions of every texel (directional). largest_empty_circle: a "
                           "progressive set on the disc, lifted to the hemisphere. hemicube: the cells "
-                          "of a hemicube, weighted by their form factors."}),
+                          "of a hemicube, weighted by their form factors.",
+           .methods = bit(kDirectional)}),
       row<[](auto& s) -> auto& { return s.solver.rotate_directions; }>(
           {.path = "solver.rotate_directions", .kind = kBoolean,
            .description = "Turn the directions about the normal by an angle of each texel's own, so "
-                          "that the error is noise and no pattern (directional)."}),
+                          "that the error is noise and no pattern (directional).",
+           .methods = bit(kDirectional)}),
       row<[](auto& s) -> auto& { return s.solver.mip_radiosity; }>(
           {.path = "solver.mip_radiosity", .kind = kBoolean,
            .description = "A direction reads the mean light of as much of a chart as its share of the "
                           "hemisphere covers where it arrives, and not that of one texel "
-                          "(directional)."}),
+                          "(directional).",
+           .methods = bit(kDirectional)}),
       row<[](auto& s) -> auto& { return s.solver.rtrad_compat; }>(
           {.path = "solver.rtrad_compat", .kind = kBoolean,
            .description = "Weight directions as RTRad's text does, by a second cosine and by 1/r2, and "
                           "drop hits nearer than 0.1 of half the scene's side: wrong light, to show "
-                          "the difference (directional)."}),
+                          "the difference (directional).",
+           .methods = bit(kDirectional)}),
       row<[](auto& s) -> auto& { return s.solver.series; }>(
           {.path = "solver.series", .kind = kChoice, .choices = {"averaged", "unbiased"},
            .description = "How samples become bounces (radiosity_map). averaged: each reads "
@@ -359,42 +416,49 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
                           "high ones are short of light; a warning tells by how much. "
                           "solver.bounces sets no limit but 0. unbiased: a bounce takes all "
                           "its samples before the next one begins, until tolerance or "
-                          "bounces."}),
+                          "bounces.",
+           .methods = bit(kRadiosityMap)}),
       row<[](auto& s) -> auto& { return s.solver.initial_samples; }>(
           {.path = "solver.initial_samples", .kind = kInteger, .min = 1, .max = 4096,
            .unit = "samples/texel",
            .description = "Samples of direct light before the first bounce, and so before "
-                          "the first picture (radiosity_map)."}),
+                          "the first picture (radiosity_map).",
+           .methods = bit(kRadiosityMap)}),
       row<[](auto& s) -> auto& { return s.solver.same_directions; }>(
           {.path = "solver.same_directions", .kind = kBoolean,
            .description = "All texels take the same random numbers, so that the error is a "
-                          "pattern and no noise (gather, path, radiosity_map)."}),
+                          "pattern and no noise."}),
       row<[](auto& s) -> auto& { return s.solver.light_sampling; }>(
           {.path = "solver.light_sampling", .kind = kChoice,
            .choices = {"uniform", "stratified", "solid_angle"},
            .description = "Points on area lights (radiosity_map). uniform: random ones of "
                           "their area, with fireflies close to a lamp. stratified: the same "
                           "from a low-discrepancy sequence. solid_angle: random directions "
-                          "to lights that are near against their size."}),
+                          "to lights that are near against their size.",
+           .methods = bit(kRadiosityMap)}),
       row<[](auto& s) -> auto& { return s.solver.ambient_term; }>(
           {.path = "solver.ambient_term", .kind = kBoolean,
            .description = "Previews of a bake that runs add the mean light that is still "
                           "missing, as in a closed room (radiosity_map). The result has none "
-                          "of it."}),
+                          "of it.",
+           .methods = bit(kRadiosityMap)}),
       row<[](auto& s) -> auto& { return s.solver.emitters; }>(
           {.path = "solver.emitters", .kind = kChoice, .choices = {"explicit", "transport"},
            .description = "explicit: shadow rays find the light of emitting surfaces. transport: "
                           "emitting texels send light as any texel does, as in RTRad, and it "
-                          "counts as indirect light (pairwise, matrix, links, directional; other "
-                          "methods refuse it)."}),
+                          "counts as indirect light; path counts what its rays meet. Small lamps "
+                          "are noise then, since directions find them by chance."}),
       row<[](auto& s) -> auto& { return s.solver.link_error; }>(
           {.path = "solver.link_error", .kind = kNumber, .min = 1e-6, .max = 1,
            .description = "Light that one link between groups of texels may be off by, as a share of "
-                          "the mean radiosity of direct light (links). More is coarser and faster."}),
+                          "the mean radiosity of direct light (links). More is coarser and faster.",
+           .methods = bit(kLinks)}),
       row<[](auto& s) -> auto& { return s.solver.allow_expensive; }>(
           {.path = "solver.allow_expensive", .kind = kBoolean,
            .description = "Bake what is refused as too_expensive otherwise: more than 1e12 rays "
-                          "(pairwise), or more than 8192 texels (matrix)."}),
+                          "(pairwise), or more than 8192 texels (matrix).",
+           .methods = bits({kPairwise, kMatrix}),
+           .reaches_reference = true}),
       row<[](auto& s) -> auto& { return s.sky.radiance; }>(
           {.path = "sky.radiance", .kind = kVector, .min = 0, .max = 1e9, .unit = "cd/m2",
            .description = "Radiance of the sky in linear Rec. 709, the same in every direction."}),

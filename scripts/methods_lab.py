@@ -63,6 +63,8 @@ class Lab:
         path = self.scene(scene, detail)
         sets = {"atlas.page_size": page, "output.precision": "float", "solver.direct_samples": 64}
         sets.update({k.replace("__", "."): v for k, v in settings.items()})
+        if sets.get("solver.method") == "pairwise":  # figures of RTRad's passes, which trace
+            sets.setdefault("solver.visibility", "ray")
         words = [f"{k}={text(v)}" for k, v in sets.items()]
         key = hashlib.sha256(" ".join([path.name, str(keep_passes), *words]).encode()).hexdigest()
         folder = self.work / f"{path.stem}-{key[:12]}"

@@ -31,9 +31,8 @@ class BouncePasses {
 
   /// Returns the number of passes before the first bounce.
   std::uint32_t first_bounce() const { return world_.scene.has_sky() ? 2 : 1; }
-  /// Returns the most bounces. One more brings the light of emitters that send it as any texel
-  /// does.
-  std::uint32_t bounces() const { return world_.settings.bounces + emitters_send(world_.settings); }
+  /// Returns the most bounces.
+  std::uint32_t bounces() const { return bounce_limit(world_.settings); }
   std::uint32_t most() const { return first_bounce() + bounces(); }
   std::optional<Next> next(std::span<const proto::PassReport> done) const;
 

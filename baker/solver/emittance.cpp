@@ -16,4 +16,8 @@ std::vector<math::Rgb> texel_emittance(const World& world) {
   return emittance;
 }
 
+std::vector<math::Rgb> sent_emittance(const World& world) {
+  return emitters_send(world.settings) ? texel_emittance(world) : std::vector<math::Rgb>();
+}
+
 }  // namespace kiln::solver

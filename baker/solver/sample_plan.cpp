@@ -34,7 +34,10 @@ SamplePlan first_plan(const proto::SolverSettings& solver, const proto::QualityS
       solver.direct_samples.value_or(many_lights ? std::min(first, kFirstOfMany) : first);
   plan.most_shadow_rays = solver.direct_samples ? plan.shadow_rays : quality.max_samples;
   plan.measure = quality.measure;
-  plan.coarse = solver.coarse_indirect && (solver.samples || target >= kFinestCoarseTarget);
+  // The light of emitters that arrives with the indirect one has edges that interpolation would
+  // blur.
+  plan.coarse = solver.coarse_indirect && solver.emitters == proto::Emitters::kExplicit &&
+                (solver.samples || target >= kFinestCoarseTarget);
   return plan;
 }
 

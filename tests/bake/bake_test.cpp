@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <thread>
+#include <utility>
 
 #include "baker/output/output.h"
 #include "tests/bake/recorder.h"
@@ -52,6 +53,33 @@ TEST(Bake, CornellGivesAllFilesAndAnHonestReport) {
     lit += page->coverage[i] > 0;
   }
   EXPECT_EQ(lit, manifest->pages.at(0).texels);
+}
+
+TEST(Bake, TellsSettingsThatItsMethodDoesNotRead) {
+  struct Warnings : BakeObserver {
+    std::vector<proto::Warning> told;
+    void on_warning(const proto::Warning& w) override { told.push_back(w); }
+  };
+  const TempFolder folder;
+  BakeInput in = input_for(folder, "cornell", 32);
+  in.settings.solver.voxel_grid = 32;
+  in.settings.solver.samples = 16;
+  exec::ThreadPool pool(2);
+  for (const bool layer : {false, true}) {
+    in.settings.output.layers = {"irradiance"};
+    if (layer) in.settings.output.layers.push_back("voxels");
+    Warnings observer;
+    const auto manifest = bake(in, pool, {}, observer);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    for (const auto* warnings : {&std::as_const(observer.told), &manifest->warnings}) {
+      const auto told =
+          std::ranges::find(*warnings, "setting_without_effect", &proto::Warning::code);
+      ASSERT_EQ(told == warnings->end(), layer) << "the layer reads it";
+      if (!layer) {
+        EXPECT_EQ(told->pointer, "/solver/voxel_grid");
+      }
+    }
+  }
 }
 
 TEST(Bake, SaysHowMuchTimeIsLeft) {

@@ -78,6 +78,22 @@ TEST_P(PatchedBake, GivesTheSameBits) {
   }
 }
 
+TEST_P(PatchedBake, GivesTheSameBitsWhereEmittersSendTheirLight) {
+  for (const proto::Method id :
+       {proto::Method::kGather, proto::Method::kPath, proto::Method::kRadiosityMap}) {
+    BakeInput in = input(method_of(id));
+    in.settings.solver.emitters = proto::Emitters::kTransport;
+    in.settings.quality.target_error = 0.08f;
+    in.settings.quality.max_samples = 256;
+    baked(in);
+    const std::string expected = exr(in);
+    test::PatchQueue queue(pool_, 1);
+    in.queue = &queue;
+    baked(in);
+    EXPECT_TRUE(exr(in) == expected) << method_of(id).name();
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Scenes, PatchedBake,
     testing::Values(QueueCase{"cornell", 64, true, proto::ErrorMeasure::kPercentile95, false},

@@ -199,7 +199,7 @@ TEST(Report, TheReferenceLeavesOutWhatABakeApproximates) {
   EXPECT_EQ(solver.reflectivity_factor, 0.5f);
   EXPECT_EQ(solver.samples, 77u);
   EXPECT_EQ(solver.undersampling, proto::Undersampling::kNone);
-  EXPECT_EQ(solver.visibility, proto::VisibilityKind::kRay);
+  EXPECT_EQ(solver.visibility, proto::VisibilityKind::kAuto);
   EXPECT_FALSE(solver.max_view_factor || solver.window);
   EXPECT_NE(solver.seed, settings.solver.seed);
   EXPECT_LT(solver.seed, std::uint64_t(1) << 53);

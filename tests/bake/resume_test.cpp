@@ -37,6 +37,24 @@ class Resume : public ::testing::Test {
     }
     return recorder;
   }
+  /// Cuts the bake after each of its passes, and compares with what it has just written.
+  void cut_after_every_pass(std::size_t passes) {
+    const std::string undisturbed = exr();
+    const double scale = tail_scale_;
+    for (std::size_t cut = 1; cut <= passes; ++cut) {
+      forget();
+      EXPECT_EQ(run(cut).passes.size(), cut);
+      const Told rest = run();
+      EXPECT_EQ(rest.resumed, cut);
+      EXPECT_EQ(rest.passes.size(), passes - cut);
+      EXPECT_TRUE(rest.checkpoint_warnings.empty());
+      if (cut < passes) {
+        EXPECT_EQ(rest.passes.front().index, cut);
+      }
+      EXPECT_TRUE(exr() == undisturbed) << "cut after " << cut;
+      EXPECT_EQ(tail_scale_, scale);
+    }
+  }
   void forget() {
     fs::remove_all(input_.checkpoint_dir);
     fs::create_directories(input_.checkpoint_dir);
@@ -90,21 +108,23 @@ TEST_F(Resume, AfterAnyPassNoPassIsMadeAgainAndNoBitDiffers) {
     forget();
     const std::size_t passes = run().passes.size();
     ASSERT_GE(passes, 2u);
-    const std::string undisturbed = exr();
-    const double scale = tail_scale_;
-    for (std::size_t cut = 1; cut <= passes; ++cut) {
-      forget();
-      EXPECT_EQ(run(cut).passes.size(), cut);
-      const Told rest = run();
-      EXPECT_EQ(rest.resumed, cut);
-      EXPECT_EQ(rest.passes.size(), passes - cut);
-      EXPECT_TRUE(rest.checkpoint_warnings.empty());
-      if (cut < passes) {
-        EXPECT_EQ(rest.passes.front().index, cut);
-      }
-      EXPECT_TRUE(exr() == undisturbed) << "cut after " << cut;
-      EXPECT_EQ(tail_scale_, scale);
-    }
+    cut_after_every_pass(passes);
+  }
+}
+
+TEST_F(Resume, WhereEmittersSendTheirLightToo) {
+  input_.settings.atlas.page_size = 48;
+  input_.settings.quality.target_error = 0.08f;
+  input_.settings.solver.emitters = proto::Emitters::kTransport;
+  input_.settings.solver.bounces = 3;
+  for (const Method& method : methods()) {
+    if (method.id != proto::Method::kGather && method.id != proto::Method::kRadiosityMap) continue;
+    input_.settings.solver.method = method.id;
+    if (!method.adaptive) input_.settings.solver.samples = 32;
+    forget();
+    const std::size_t passes = run().passes.size();
+    ASSERT_GE(passes, 4u);
+    cut_after_every_pass(passes);
   }
 }
 

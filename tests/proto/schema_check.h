@@ -90,8 +90,9 @@ inline bool keyword_fits(const nlohmann::json& schema, const std::string& keywor
     return !v.is_object() || std::all_of(rule.begin(), rule.end(), [&](const nlohmann::json& key) {
       return v.contains(key.get<std::string>());
     });
-  static const std::set<std::string> notes{"default", "description", "title",  "x-unit",
-                                           "$schema", "$id",         "format", "contentMediaType"};
+  static const std::set<std::string> notes{"default", "description", "title",
+                                           "x-unit",  "x-methods",   "$schema",
+                                           "$id",     "format",      "contentMediaType"};
   if (notes.count(keyword) == 0) throw std::logic_error("unknown keyword " + keyword);
   return true;
 }

@@ -33,7 +33,13 @@ std::string row_text(const SettingSpec& spec, const nlohmann::json& value, bool 
       if ((spec.used_by >> i & 1) != 0) used += (used.empty() ? "" : ", ") + std::string(types[i]);
     row += used + " | ";
   }
-  return row + escaped(std::string(spec.description)) + " |\n";
+  row += escaped(std::string(spec.description));
+  const auto methods = methods_of(spec);
+  if (methods.size() == kMethodNames.size()) return row + " |\n";
+  row += " Methods: ";
+  for (std::size_t i = 0; i < methods.size(); ++i)
+    row += (i == 0 ? "" : ", ") + std::string(methods[i]);
+  return row + ". |\n";
 }
 
 constexpr const char* kHead =

@@ -211,11 +211,47 @@ TEST(Settings, DirectionsMustBeOnesThatThereAre) {
             "/solver/rtrad_compat");
 }
 
-TEST(Settings, EmittersSendTheirLightInSomeMethods) {
-  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport"}})"), "/solver/emitters");
-  EXPECT_EQ(pointer_of(R"({"solver": {"emitters": "transport", "method": "radiosity_map"}})"),
-            "/solver/emitters");
-  EXPECT_TRUE(parse_settings(R"({"solver": {"emitters": "transport", "method": "pairwise"}})"));
+TEST(Settings, EmittersSendTheirLightInEveryMethod) {
+  for (const Word& method : kMethodNames)
+    EXPECT_TRUE(parse_settings(R"({"solver": {"emitters": "transport", "method": ")" +
+                               std::string(method.name) + "\"}}"))
+        << method.name;
+}
+
+std::vector<Warning> warnings_of(const std::string& text) {
+  const auto settings = parse_settings(text);
+  if (!settings) throw std::runtime_error(settings.error().message);
+  return settings_without_effect(*settings);
+}
+
+TEST(SettingsWithoutEffect, AreToldWhereTheMethodReadsThemNot) {
+  const auto told =
+      warnings_of(R"({"solver": {"voxel_grid": 32, "bounces": 3, "link_error": 0.1}})");
+  ASSERT_EQ(told.size(), 2u);
+  EXPECT_EQ(told[0].code, "setting_without_effect");
+  EXPECT_EQ(told[0].pointer, "/solver/voxel_grid");
+  EXPECT_EQ(told[0].message,
+            "solver.voxel_grid has no effect with solver.method gather; pairwise, matrix and links "
+            "read it.");
+  EXPECT_EQ(told[1].pointer, "/solver/link_error");
+  EXPECT_EQ(told[1].message,
+            "solver.link_error has no effect with solver.method gather; links reads it.");
+}
+
+TEST(SettingsWithoutEffect, AreNoneWhereSomethingReadsThem) {
+  EXPECT_TRUE(warnings_of("{}").empty());
+  EXPECT_TRUE(warnings_of(R"({"solver": {"voxel_grid": 64, "window": null}})").empty())
+      << "the defaults";
+  EXPECT_TRUE(warnings_of(R"({"solver": {"method": "links", "voxel_grid": 32}})").empty());
+  EXPECT_TRUE(
+      warnings_of(R"({"solver": {"voxel_grid": 32}, "output": {"layers": ["voxels"]}})").empty());
+  EXPECT_TRUE(warnings_of(R"({"solver": {"subdivision_max_node": 16, "subdivision_threshold": 0.1},
+                      "output": {"layers": ["irradiance", "tree"]}})")
+                  .empty());
+  const std::string reference = R"("report": {"against": "pairwise"}})";
+  EXPECT_TRUE(warnings_of(R"({"solver": {"reflectivity_factor": 0.5}, )" + reference).empty());
+  EXPECT_EQ(warnings_of(R"({"solver": {"max_view_factor": 0.5}, )" + reference).size(), 1u)
+      << "a reference leaves out what approximates";
 }
 
 TEST(Settings, AQuadtreeAndWindowsExcludeEachOther) {

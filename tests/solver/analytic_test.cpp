@@ -3,6 +3,9 @@
 // probability below 1e-4 (Student's t, 7 degrees of freedom), and the seeds are fixed.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "baker/sampling/shapes.h"
 #include "tests/solver/every_method.h"
 #include "tests/support/quad_scene.h"
@@ -64,6 +67,55 @@ TEST_P(Furnace, RadiosityIsEmittanceOverAbsorptance) {
   for (std::size_t i = 0; i < study.mean.size(); ++i)
     EXPECT_NEAR(study.mean[i], expected, kSigmas * study.standard_error[i] + 1e-3 * expected + cut)
         << "texel " << i;
+}
+
+// Emitters as senders: the light is that of shadow rays where a lamp has the same radiance all
+// over, so that the texels tell it as it is. Methods over pairs of texels read emitters at the
+// middles of texels, and converge: senders_test.cpp.
+class Transported : public testing::TestWithParam<std::tuple<proto::Method, std::uint32_t>> {};
+INSTANTIATE_TEST_SUITE_P(Methods, Transported,
+                         testing::Combine(testing::Values(proto::Method::kGather,
+                                                          proto::Method::kPath,
+                                                          proto::Method::kRadiosityMap),
+                                          testing::Values(0u, 3u)));
+
+TEST_P(Transported, EmittersBringTheLightOfShadowRays) {
+  constexpr std::uint32_t kFaces = 11;  // but the lamp
+  QuadScene box(48);
+  box.add_room({-1, 0, -1}, {1, 2, 1}, {0.7f, 0.6f, 0.5f});
+  box.add_block({-0.6f, 0, -0.5f}, {-0.05f, 0.9f, 0.05f}, {0.5f, 0.5f, 0.5f});
+  box.add({{-0.6f, 1.9f, -0.6f}, {1.2f, 0, 0}, {0, 0, 1.2f}, {0.3f, 0.3f, 0.3f}, {5, 4, 3}});
+  box.build();
+  proto::SolverSettings s = settings_for(std::get<0>(GetParam()));
+  s.bounces = std::get<1>(GetParam());
+  s.samples = 128;
+  s.tolerance = 0;
+  s.coarse_indirect = false;
+  s.series = proto::Series::kUnbiased;
+  const std::vector<Solution> sampled = bakes_of_seeds(box, s, kSeeds);
+  s.emitters = proto::Emitters::kTransport;
+  const std::vector<Solution> transported = bakes_of_seeds(box, s, kSeeds);
+  const SeedStudy expected(box, sampled, all_texels(box));
+  const SeedStudy study(box, transported, all_texels(box));
+  for (std::uint32_t q = 0; q < kFaces; ++q) {
+    const SeedStudy one(box, sampled, box.texels_of(q)), other(box, transported, box.texels_of(q));
+    const double error = std::hypot(one.area_standard_error, other.area_standard_error);
+    EXPECT_NEAR(other.area_mean, one.area_mean, kSigmas * error + kRounding * expected.area_mean)
+        << "face " << q;
+    EXPECT_LT(error, 0.02 * expected.area_mean) << "the test can fail";
+  }
+  // A direction brings at most the brightest radiosity B, so that the variance of a texel is no
+  // more than B E / N: seeds that meet a lamp nowhere tell nothing of it themselves.
+  const double brightest = double(math::kPi) * 4 + 0.6 * std::ranges::max(expected.mean);
+  double square = 0, most = 0;
+  for (std::size_t i = 0; i < study.mean.size(); ++i) {
+    const double off = study.mean[i] - expected.mean[i];
+    square += off * off;
+    most += brightest * expected.mean[i] / (double(*s.samples) * kSeeds) +
+            expected.standard_error[i] * expected.standard_error[i];
+  }
+  EXPECT_LT(square, 1.2 * most);
+  for (const math::Rgb& e : transported.front().light->direct) ASSERT_TRUE(is_black(e));
 }
 
 double face_mean(const QuadScene& scene, std::uint32_t quad, proto::Method method,

@@ -92,26 +92,67 @@ TEST(Iteration, ShootingSendsTheBrightestFirst) {
   EXPECT_GT(first / all, 0.35) << "a quarter of a sweep sends far more than its share";
 }
 
+// What is remembered by itself, too: each unordered pair is traced once [RTRad 4.7.4].
 TEST(Remembered, VisibilityGivesTheSameBits) {
   const auto box = cornell(32);
-  proto::SolverSettings s = pairwise_settings();
-  const Solution traced = box->solve(s);
   const std::uint64_t pairs = std::uint64_t(box->texels().size()) * box->texels().size();
-  s.visibility = VisibilityKind::kCached;
-  const Solution remembered = box->solve(s);
-  EXPECT_EQ(rays_of(remembered, "bounce"), 0u) << "everything is remembered";
-  EXPECT_GT(rays_of(remembered, "visibility"), 0u);
-  EXPECT_LT(rays_of(remembered, "visibility"), pairs / 2) << "each pair is traced once";
-  for (std::uint32_t t = 0; t < traced.light->size(); ++t) {
-    ASSERT_EQ(traced.light->indirect[t].r, remembered.light->indirect[t].r) << t;
-    ASSERT_EQ(traced.light->indirect[t].b, remembered.light->indirect[t].b) << t;
+  for (const Iteration order :
+       {Iteration::kJacobi, Iteration::kGaussSeidel, Iteration::kShooting}) {
+    proto::SolverSettings s = pairwise_settings();
+    s.iteration = order;
+    s.visibility = VisibilityKind::kRay;
+    const Solution traced = box->solve(s);
+    EXPECT_EQ(count_of(traced, "visibility"), 0u);
+    for (const VisibilityKind kind : {VisibilityKind::kCached, VisibilityKind::kAuto}) {
+      s.visibility = kind;
+      const Solution remembered = box->solve(s);
+      for (const char* name : {"bounce", "tile", "shoot"})
+        EXPECT_EQ(rays_of(remembered, name), 0u) << "everything is remembered";
+      EXPECT_GT(rays_of(remembered, "visibility"), 0u);
+      EXPECT_LT(rays_of(remembered, "visibility"), pairs / 2) << "each pair is traced once";
+      EXPECT_TRUE(same_bits(traced.light->indirect, remembered.light->indirect));
+    }
   }
+}
+
+TEST(Remembered, ByItselfWhereTheMemoryHoldsAllPairs) {
+  using enum VisibilityKind;
+  proto::SolverSettings s = pairwise_settings();
+  s.visibility_cache_mib = 16;
+  EXPECT_EQ(visibility_kind(s, 16'384), kCached) << "16384 texels of 256 words are 16 MiB";
+  EXPECT_EQ(visibility_kind(s, 16'385), kRay);
+  const double all = pairwise_extra_memory(s, 16'384);
+  EXPECT_EQ(all, double(16u << 20));
+  EXPECT_GE(pairwise_extra_memory(s, 20'000), 0.9 * all) << "there may be fewer";
+  EXPECT_EQ(pairwise_extra_memory(s, 40'000), 0);
+  const auto kind = [&](auto change) {
+    proto::SolverSettings other = s;
+    change(other);
+    return visibility_kind(other, 1000);
+  };
+  EXPECT_EQ(kind([](auto&) {}), kCached);
+  EXPECT_EQ(kind([](auto& o) { o.visibility = kVoxel; }), kVoxel);
+  EXPECT_EQ(kind([](auto& o) { o.bounces = 0; }), kRay) << "there is nothing to remember for";
+  EXPECT_EQ(kind([](auto& o) { o.pair_samples = 2; }), kRay);
+  EXPECT_EQ(kind([](auto& o) { o.undersampling = proto::Undersampling::kStride; }), kRay);
+  EXPECT_EQ(kind([](auto& o) { o.subdivision_threshold = 0.05f; }), kRay);
+  EXPECT_EQ(kind([](auto& o) { o.method = proto::Method::kMatrix; }), kRay);
+  EXPECT_EQ(kind([](auto& o) { o.method = proto::Method::kLinks; }), kRay);
+  // Half of one pass in place of all bounces.
+  proto::SolverSettings traced = s;
+  traced.visibility = kRay;
+  EXPECT_EQ(bake_rays(traced, 10'000, 1, 10), 20 * bake_rays(s, 10'000, 1, 10));
+  traced.visibility = kCached;
+  traced.visibility_cache_mib = 3;  // of 6
+  const double some = bake_rays(traced, 10'000, 1, 10) / bake_rays(s, 10'000, 1, 10);
+  EXPECT_NEAR(some, 0.5 + 0.5 * 20, 0.1);
 }
 
 TEST(Remembered, WhatFindsNoPlaceIsTracedAgain) {
   const auto box = cornell(128);
   proto::SolverSettings s = pairwise_settings();
   s.bounces = 1;
+  s.visibility = VisibilityKind::kRay;
   const Solution traced = box->solve(s);
   s.visibility = VisibilityKind::kCached;
   s.visibility_cache_mib = 1;

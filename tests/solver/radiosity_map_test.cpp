@@ -164,6 +164,23 @@ TEST_P(LightRoom, AveragedSeriesLacksWhatTheorySays) {
   }
 }
 
+// The light of emitters that texels send comes an order later, and so lacks more.
+TEST_P(LightRoom, AveragedSeriesOfTransportLacksAnOrderMore) {
+  const double albedo = double(GetParam());
+  const RoomOfLight light(GetParam());
+  proto::SolverSettings s = settings_for(proto::Series::kAveraged, 256);
+  s.emitters = proto::Emitters::kTransport;
+  const SeedStudy study(light.room, s, kSeeds, light.all());
+  const double expected = missing_share(steps_of(s), albedo, 1);
+  EXPECT_GT(expected, missing_share(steps_of(s), albedo));
+  EXPECT_NEAR(1 - study.area_mean / light.whole, expected,
+              kSigmas * study.area_standard_error / light.whole + kRounding);
+  s.bounces = 0;
+  const SeedStudy straight(light.room, s, kSeeds, light.all());
+  EXPECT_NEAR(straight.area_mean, light.whole * (1 - albedo), 1e-3 * light.whole)
+      << "what emitters send, and nothing reflected";
+}
+
 TEST_P(LightRoom, UnbiasedSeriesLacksNothing) {
   const double albedo = double(GetParam());
   const RoomOfLight light(GetParam());
@@ -385,6 +402,15 @@ TEST_P(LightRoom, AmbientTermStandsForTheBouncesToCome) {
   EXPECT_NEAR(mean, light.whole, 0.02 * light.whole);
   EXPECT_EQ(guessed.indirect[0].g, guessed.indirect[guessed.size() - 1].g);
   EXPECT_TRUE(is_black(solution.light->indirect[0])) << "the light itself has none";
+}
+
+TEST_P(LightRoom, AmbientTermCountsWhatEmittersSend) {
+  const RoomOfLight light(GetParam());
+  const lightmap::Lightmap dark(light.room.texels().size());
+  const float sent = math::kPi * 0.5f;
+  const std::vector<math::Rgb> emittance(dark.size(), math::Rgb{sent, sent, sent});
+  const auto guessed = with_ambient_term(light.room.texels(), dark, emittance);
+  EXPECT_NEAR(double(guessed.irradiance(0).g), light.whole, 1e-3 * light.whole);
 }
 
 TEST(RadiosityMapRemarks, TellWhatTheSeriesLacks) {

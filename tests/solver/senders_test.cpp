@@ -564,6 +564,24 @@ TEST(Transport, MeetsExplicitLightByEachMethodThatKnowsIt) {
   }
 }
 
+// A target is reached by more directions, since there are no shadow rays to add; and no texel is
+// interpolated, since the light has edges.
+TEST(Transport, RoundsReachTheTargetOfAGather) {
+  QuadScene room(60);
+  room.add_room({-1, 0, -1}, {1, 2, 1}, {0.7f, 0.4f, 0.2f});
+  room.add({{-0.6f, 1.9f, -0.6f}, {1.2f, 0, 0}, {0, 0, 1.2f}, {0.3f, 0.3f, 0.3f}, {5, 4, 3}});
+  room.build();
+  proto::SolverSettings s;
+  s.emitters = proto::Emitters::kTransport;
+  proto::QualitySettings quality;
+  quality.target_error = 0.05f;
+  const Solution solution = room.solve(s, 2, quality);
+  EXPECT_EQ(solution.passes.back().name, "round");
+  EXPECT_LE(*solution.passes.back().standard_error, 0.05);
+  for (std::uint32_t t = 0; t < solution.light->size(); ++t)
+    ASSERT_TRUE(solution.light->gathers[t]) << t;
+}
+
 // Light without texels is sampled as ever.
 TEST(Transport, LeavesLightWithoutTexelsToTheDirectPass) {
   QuadScene room(48);

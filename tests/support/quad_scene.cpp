@@ -104,15 +104,28 @@ Solution QuadScene::solve(const proto::SolverSettings& settings, unsigned thread
   return std::move(*solution);
 }
 
-SeedStudy::SeedStudy(const QuadScene& scene, proto::SolverSettings settings, int seeds,
+std::vector<Solution> bakes_of_seeds(const QuadScene& scene, proto::SolverSettings settings,
+                                     int seeds) {
+  std::vector<Solution> bakes;
+  for (int s = 0; s < seeds; ++s) {
+    settings.seed = 1000 + std::uint64_t(s);
+    bakes.push_back(scene.solve(settings));
+  }
+  return bakes;
+}
+
+SeedStudy::SeedStudy(const QuadScene& scene, const proto::SolverSettings& settings, int seeds,
+                     const std::vector<std::uint32_t>& texels)
+    : SeedStudy(scene, bakes_of_seeds(scene, settings, seeds), texels) {}
+
+SeedStudy::SeedStudy(const QuadScene& scene, const std::vector<Solution>& bakes,
                      const std::vector<std::uint32_t>& texels)
     : mean(texels.size()), standard_error(texels.size()) {
+  const auto seeds = double(bakes.size());
   std::vector<double> square(texels.size()), totals;
   double area = 0;
   for (const std::uint32_t t : texels) area += scene.texels().area_m2[t];
-  for (int s = 0; s < seeds; ++s) {
-    settings.seed = 1000 + std::uint64_t(s);
-    const Solution solution = scene.solve(settings);
+  for (const Solution& solution : bakes) {
     double total = 0;
     for (std::size_t i = 0; i < texels.size(); ++i) {
       const double e = solution.light->irradiance(texels[i]).g;

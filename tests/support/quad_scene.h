@@ -67,9 +67,13 @@ struct SeedStudy {
   double area_mean = 0;                ///< area-weighted over texels and seeds
   double area_standard_error = 0;      ///< of area_mean, from the scatter between seeds
 
-  SeedStudy(const QuadScene&, proto::SolverSettings, int seeds,
+  SeedStudy(const QuadScene&, const proto::SolverSettings&, int seeds,
+            const std::vector<std::uint32_t>& texels);
+  /// The same of bakes that are made already: see bakes_of_seeds().
+  SeedStudy(const QuadScene&, const std::vector<Solution>& bakes,
             const std::vector<std::uint32_t>& texels);
 };
+std::vector<Solution> bakes_of_seeds(const QuadScene&, proto::SolverSettings, int seeds);
 
 bool same_bits(const lightmap::Plane<math::Rgb>&, const lightmap::Plane<math::Rgb>&);
 

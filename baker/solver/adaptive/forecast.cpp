@@ -5,6 +5,7 @@
 
 #include "baker/solver/adaptive/tuned.h"
 #include "baker/solver/direct/direct.h"
+#include "baker/solver/emittance.h"
 
 namespace kiln::solver::adaptive {
 namespace {
@@ -53,7 +54,7 @@ void RoundForecast::guess(const lightmap::Lightmap& light, Shows shows) {
       smooth_ ? (many_lights ? tuned::kLeftOfManyLights : tuned::kLeftOfDirect) : 1;
   const double left_of_gathered = smooth_ ? tuned::kLeftOfGathered : 1;
   const bool first_bounce = shows == Shows::kFirstBounce;
-  const double unknown = first_bounce || world_.settings.bounces == 0 ? 0 : tuned::kIndirect;
+  const double unknown = first_bounce || bounce_limit(world_.settings) == 0 ? 0 : tuned::kIndirect;
   const double all_bounces = first_bounce ? tuned::kAllBounces : 1;
   const double gather_error =
       tuned::kGatherError *

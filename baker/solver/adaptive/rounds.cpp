@@ -6,6 +6,7 @@
 #include "baker/solver/adaptive/allocation.h"
 #include "baker/solver/adaptive/tuned.h"
 #include "baker/solver/direct/direct.h"
+#include "baker/solver/emittance.h"
 
 namespace kiln::solver::adaptive {
 namespace {
@@ -40,7 +41,7 @@ AdaptiveSampling::AdaptiveSampling(const World& world, const SamplePlan& samples
       samples_(samples),
       can_add_shadow_rays_((!world.lights.area().empty() || world.lights.has_bright_sky()) &&
                            samples.most_shadow_rays > samples.shadow_rays),
-      can_add_directions_((world.settings.bounces > 0 || world.scene.has_sky()) &&
+      can_add_directions_((bounce_limit(world.settings) > 0 || world.scene.has_sky()) &&
                           samples.most_directions > samples.followed_first()) {
   if (can_add_shadow_rays_) limit_ = doublings(samples.shadow_rays, samples.most_shadow_rays);
   if (can_add_directions_) {

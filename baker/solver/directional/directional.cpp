@@ -90,8 +90,7 @@ class DirectionalSolver final : public Solver {
       : world_(world),
         passes_(world_),
         order_(make_set(world)),
-        emittance_(emitters_send(world.settings) ? texel_emittance(world_)
-                                                 : std::vector<math::Rgb>()) {}
+        emittance_(sent_emittance(world_)) {}
 
   std::unique_ptr<Pass> next(std::span<const proto::PassReport> done) const override {
     return direct::next_pass(world_, passes_, done, [&](PassPlan plan) {
@@ -116,7 +115,7 @@ class DirectionalSolver final : public Solver {
 }  // namespace
 
 double directional_memory_per_texel(const proto::SolverSettings& settings) {
-  return RadiosityMips::kMemoryPerTexel + (emitters_send(settings) ? sizeof(math::Rgb) : 0);
+  return RadiosityMips::kMemoryPerTexel + sent_emittance_memory_per_texel(settings);
 }
 
 std::unique_ptr<Solver> make_directional_solver(const World& world) {

@@ -18,7 +18,7 @@ class BouncePass final : public Pass {
         parts_(parts),
         set_(parts.set.leading(bounce.directions)),
         is_tail_(bounce.stands_for_others),
-        radiosity_(parts.world) {
+        radiosity_(parts.world, parts.emittance) {
     plan_.batch_texels = 1024;
     plan_.tail_scale = bounce.tail_scale;
     plan_.reads = lightmap::plane_set(

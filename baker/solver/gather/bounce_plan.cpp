@@ -33,7 +33,7 @@ BouncePlan::Bounce BouncePlan::next(std::span<const proto::PassReport> done) con
   if (bounces > 0) {
     const double ratio = bounces > 1 ? update(done.back()) / update(done[done.size() - 2]) : 0;
     if (!bounce.last) end_if_converged(done.back().residual, ratio, limit_ - bounces, bounce);
-    share = (1 + bounce.tail_scale) * update(done.back()) / done[first_ - 1].mean_lx;
+    share = (1 + bounce.tail_scale) * update(done.back()) / done[lit_ - 1].mean_lx;
   }
   bounce.directions = directions_for(share);
   return bounce;

@@ -4,6 +4,7 @@
 #include <span>
 
 #include "baker/sampling/direction_set.h"
+#include "baker/solver/emittance.h"
 #include "proto/bake_settings.h"
 #include "proto/manifest.h"
 
@@ -17,7 +18,11 @@ class BouncePlan {
   /// @param first passes before the first bounce
   BouncePlan(const proto::SolverSettings& settings, const sampling::DirectionSet& set,
              std::uint32_t first)
-      : limit_(settings.bounces), tolerance_(settings.tolerance), set_(set), first_(first) {}
+      : limit_(bounce_limit(settings)),
+        tolerance_(settings.tolerance),
+        set_(set),
+        first_(first),
+        lit_(first + emitters_send(settings)) {}
 
   struct Bounce {
     bool last = false;               ///< the limit is reached, or the light has converged
@@ -44,6 +49,7 @@ class BouncePlan {
   double tolerance_;
   const sampling::DirectionSet& set_;
   std::uint32_t first_;
+  std::uint32_t lit_;  ///< passes until all light that is not reflected is there
 };
 
 }  // namespace kiln::solver::gather

@@ -91,7 +91,7 @@ class GatherSolver final : public Solver {
   /// A coarse trace looks at the first bounce already; otherwise the first bounce itself shows it.
   Shows shown_after(const Next& next, std::uint32_t index) const {
     const GatherSchedule& schedule = parts_.schedule;
-    const bool looks_ahead = schedule.is_coarse() && world_.settings.bounces > 0;
+    const bool looks_ahead = schedule.is_coarse() && bounce_limit(world_.settings) > 0;
     if (next.completes) return Shows::kNothingNew;
     if (next.step == Step::kDirect) return Shows::kDirect;
     if (next.step == Step::kTrace) return looks_ahead ? Shows::kFirstBounce : Shows::kDirect;
@@ -110,6 +110,7 @@ GatherParts::GatherParts(const World& w, std::uint32_t feedback)
       packets(w, feedback),
       hemisphere(w, packets),
       set(directions(0, feedback)),
+      emittance(sent_emittance(w)),
       sampling(w, w.plan),
       schedule(w, set, sampling) {}
 

@@ -21,6 +21,8 @@ namespace kiln::solver::gather {
 /// 5. `round`: these follow while the error is above its target, or more samples are asked for than
 ///    there was memory for hits. They trace afresh and read what the last bounce read
 ///    (round_pass.cpp).
+/// Where `solver.emitters` is `transport`, the look-ups find what emitting texels send, too (see
+/// sent_emittance()), in one bounce more and at every texel.
 /// @param hit_budget_bytes memory for the hits that are kept
 std::unique_ptr<Solver> make_gather_solver(const World&, std::uint64_t hit_budget_bytes);
 

@@ -23,7 +23,8 @@ void OutgoingRadiosity::find_hidden(const lightmap::Lightmap& light) {
   }
 }
 
-bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Workers& workers) {
+bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Workers& workers,
+                             bool once) {
   constexpr std::uint32_t kRunTexels = 16384;
   radiosity_.resize(world_.texels.size());
   const bool has_sent = light.radiosity.size() > 0;
@@ -31,9 +32,10 @@ bool OutgoingRadiosity::read(const lightmap::Lightmap& light, const exec::Worker
     for (std::uint32_t t = begin; t < end; ++t) {
       // E is the mean over the footprint; rays from outside meet its visible part only.
       const float visible = light.validity[t];
-      const math::Rgb b = world_.texels.albedo[t] * light.irradiance(t) *
-                              (visible >= kHiddenShare ? 1 / visible : 1.f) -
-                          (has_sent ? light.radiosity[t] : math::Rgb{});
+      const math::Rgb e = once ? light.direct[t] + light.sky[t] : light.irradiance(t);
+      math::Rgb b = world_.texels.albedo[t] * e * (visible >= kHiddenShare ? 1 / visible : 1.f);
+      if (!emittance_.empty()) b += emittance_[t];
+      if (has_sent) b = b - light.radiosity[t];
       radiosity_[t] = {b.r, b.g, b.b, 0};
     }
   });

@@ -12,18 +12,22 @@
 
 namespace kiln::solver::gather {
 
-/// The radiosity that gathering rays read at what they meet: light times albedo, mended where
-/// texels lie hidden. Light is linear: a bounce reads only what the one before it has changed.
+/// The radiosity that gathering rays read at what they meet: light times albedo, and what emitters
+/// send that no shadow rays look for; mended where texels lie hidden. Light is linear: a bounce
+/// reads only what the one before it has changed.
 class OutgoingRadiosity {
  public:
-  explicit OutgoingRadiosity(const World& world) : world_(world) {}
+  /// @param emittance M of the texels, see sent_emittance(); outlives this
+  OutgoingRadiosity(const World& world, std::span<const math::Rgb> emittance)
+      : world_(world), emittance_(emittance) {}
 
   /// Looks for hidden texels by Lightmap::validity. Until then none is mended.
   void find_hidden(const lightmap::Lightmap&);
 
   /// Takes from the light by how much B has grown since Lightmap::radiosity [RTRad 5.4], or all of
   /// it when there is no such plane. Returns false when stopped.
-  bool read(const lightmap::Lightmap&, const exec::Workers&);
+  /// @param once indirect light is not sent on
+  bool read(const lightmap::Lightmap&, const exec::Workers&, bool once = false);
   /// Scales all values, since the last update stands for those after it, too.
   void scale(float);
   /// Takes the values of a plane.
@@ -51,6 +55,7 @@ class OutgoingRadiosity {
   };
 
   const World& world_;
+  const std::span<const math::Rgb> emittance_;
   std::vector<Radiosity> radiosity_;
   std::vector<Repair> repairs_;
 };

@@ -3,8 +3,10 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "baker/solver/adaptive/rounds.h"
+#include "baker/solver/emittance.h"
 #include "baker/solver/gather/hemisphere.h"
 #include "baker/solver/gather/interpolation_grid.h"
 #include "baker/solver/gather/packet_layout.h"
@@ -25,7 +27,8 @@ struct GatherParts {
   const InterpolationGrid grid;
   const PacketLayout packets;
   const Hemisphere hemisphere;
-  const sampling::DirectionSet set;  ///< the rays whose hits are kept
+  const sampling::DirectionSet set;        ///< the rays whose hits are kept
+  const std::vector<math::Rgb> emittance;  ///< M of the texels, lx; empty when rays find it
   const adaptive::AdaptiveSampling sampling;
   const GatherSchedule schedule;
 };

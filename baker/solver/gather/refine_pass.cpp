@@ -31,7 +31,7 @@ class RefinePass final : public Pass {
   }
 
   bool finish(lightmap::Lightmap& after, const exec::Workers& workers) override {
-    if (parts_.world.settings.bounces > 0)
+    if (bounce_limit(parts_.world.settings) > 0)
       after.indirect.clear(), after.indirect_difference.clear();
     return parts_.grid.interpolate(after, /*sky_too=*/true, parts_.set.size(), workers);
   }

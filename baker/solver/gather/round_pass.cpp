@@ -18,7 +18,10 @@ using enum lightmap::PlaneId;
 class RoundPass final : public Pass {
  public:
   RoundPass(const GatherParts& parts, PassPlan plan)
-      : Pass(std::move(plan)), parts_(parts), direct_(parts.world), radiosity_(parts.world) {
+      : Pass(std::move(plan)),
+        parts_(parts),
+        direct_(parts.world),
+        radiosity_(parts.world, parts.emittance) {
     plan_.reads = shadow_ray_planes() | direction_planes() |
                   lightmap::plane_set({kDoublings, kRadiosity, kGathers});
     plan_.writes = shadow_ray_planes() | direction_planes();
@@ -135,7 +138,7 @@ class RoundPass final : public Pass {
     for (const Hemisphere::Gathering& g : texels) {
       const std::uint32_t t = g.texel;
       join(parts_.hemisphere.sky_light(set, g), after.sky[t], after.sky_difference[t]);
-      if (parts_.world.settings.bounces > 0)
+      if (bounce_limit(parts_.world.settings) > 0)
         join(radiosity_.look_up(set, g.hits), after.indirect[t], after.indirect_difference[t]);
     }
     return std::uint64_t(count) * more;

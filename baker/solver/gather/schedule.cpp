@@ -21,10 +21,10 @@ GatherSchedule::GatherSchedule(const World& world, const sampling::DirectionSet&
       set_(set),
       sampling_(sampling),
       bounces_(world.settings, set, first_bounce()),
-      needs_rays_(world.settings.bounces > 0 || world.scene.has_sky()) {}
+      needs_rays_(bounce_limit(world.settings) > 0 || world.scene.has_sky()) {}
 
 std::uint32_t GatherSchedule::max_passes() const {
-  return (needs_rays_ ? first_bounce() + world_.settings.bounces : 1) + sampling_.limit();
+  return (needs_rays_ ? first_bounce() + bounces_.limit() : 1) + sampling_.limit();
 }
 
 Work GatherSchedule::total_work() const {
@@ -32,7 +32,7 @@ Work GatherSchedule::total_work() const {
   if (!needs_rays_) return work;
   work += trace_work();
   if (is_coarse()) work += refine_work();
-  const std::uint32_t bounces = std::min(kTypicalBounces, world_.settings.bounces);
+  const std::uint32_t bounces = std::min(kTypicalBounces, bounces_.limit());
   for (std::uint32_t b = 0; b < bounces; ++b)
     work += look_up_work(bounces_.directions_for(std::pow(0.5, b)));
   return work;

@@ -15,7 +15,7 @@ using enum lightmap::PlaneId;
 class TracePass final : public Pass {
  public:
   TracePass(const GatherParts& parts, PassPlan plan)
-      : Pass(std::move(plan)), parts_(parts), radiosity_(parts.world) {
+      : Pass(std::move(plan)), parts_(parts), radiosity_(parts.world, parts.emittance) {
     plan_.reads = lightmap::plane_set({kDirect, kSky, kIndirect, kValidity, kRadiosity});
     plan_.writes = traced_planes();
     if (compares_sites()) plan_.writes |= lightmap::plane_set({kIndirect, kIndirectDifference});
@@ -49,7 +49,7 @@ class TracePass final : public Pass {
 
  private:
   bool compares_sites() const {
-    return parts_.schedule.is_coarse() && parts_.world.settings.bounces > 0;
+    return parts_.schedule.is_coarse() && bounce_limit(parts_.world.settings) > 0;
   }
   /// The first bounce of direct light, for the next pass to compare the sites by.
   void add_first_bounce(atlas::TexelRange tile, const lightmap::LightmapView& after) const {

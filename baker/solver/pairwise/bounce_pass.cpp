@@ -13,8 +13,7 @@ class BouncePass final : public TransportPass {
   BouncePass(const Parts& parts, std::uint32_t bounce, atlas::TexelRange tile, bool is_remembered,
              PassPlan plan)
       : TransportPass(parts, is_remembered, std::move(plan)), bounce_(bounce), tile_(tile) {
-    plan_.work =
-        Work::directions(bounce_rays(parts) * tile.size() / std::max(1u, parts.patches.size()));
+    plan_.work = bounce_work(parts) * (double(tile.size()) / std::max(1u, parts.patches.size()));
   }
 
   bool prepare(const lightmap::Lightmap& before, const exec::Workers& workers) override {

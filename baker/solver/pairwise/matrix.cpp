@@ -164,7 +164,7 @@ class MatrixSolver final : public Solver {
   const SamplePlan& samples() const override { return world_.plan; }
 
  private:
-  bool has_matrix() const { return world_.settings.bounces > 0 || emitters_send(world_.settings); }
+  bool has_matrix() const { return bounce_limit(world_.settings) > 0; }
   std::uint32_t passes() const { return 1 + world_.scene.has_sky() + has_matrix(); }
 
   const World world_;

@@ -26,8 +26,23 @@ std::string percent(double share) {
   return text;
 }
 
+/// Returns the words per texel that the memory for remembered visibility has, at most those that
+/// all pairs need.
+std::uint32_t words_for(const proto::SolverSettings& s, std::uint32_t texels) {
+  return PairLayout::words_for(texels, std::uint64_t(s.visibility_cache_mib) << 20);
+}
+std::uint32_t all_words(std::uint32_t texels) {
+  return PairLayout::words_for(texels, ~std::uint64_t{0});
+}
+
 /// Bytes per texel by which shooting sorts.
 constexpr double kOrder = 8;
+
+/// The effort of a pair whose bit is asked, in rays: a bounce without rays takes an eighth of one
+/// with them, which are those of a quarter of all pairs.
+constexpr double kAskPair = 0.03;
+/// The least share of the texels that an estimate tells which there are.
+constexpr double kLeastTexels = 0.5;
 
 /// Rays of a batch, so that it takes some tens of milliseconds.
 constexpr double kBatchRays = 400'000;
@@ -69,9 +84,8 @@ class PairwiseSolver final : public Solver {
 
   Forecast forecast() const override {
     Work work = direct::lead_work(world_);
-    const double rays = bounce_rays(parts_);
-    if (remembers()) work += Work::directions(rays / 2);
-    work += Work::directions(rays) * std::min(kTypicalBounces, bounces());
+    if (remembers()) work += Work::directions(bounce_rays(parts_) / 2 * parts_.remembered_share());
+    work += bounce_work(parts_) * std::min(kTypicalBounces, bounces());
     return {lead() + bounces() * steps(), work};
   }
   const SamplePlan& samples() const override { return world_.plan; }
@@ -79,7 +93,7 @@ class PairwiseSolver final : public Solver {
   std::vector<proto::Warning> remarks(std::span<const proto::PassReport>,
                                       const lightmap::Lightmap& light) const override {
     std::vector<proto::Warning> remarks;
-    const double covered = PairLayout(parts_.patches.size(), parts_.seen_words()).coverage();
+    const double covered = parts_.remembered_share();
     if (world_.settings.visibility == proto::VisibilityKind::kCached && covered < 1)
       remarks.push_back({"visibility_cache_full", "",
                          "The memory for visibility holds " + percent(covered) +
@@ -93,7 +107,7 @@ class PairwiseSolver final : public Solver {
  private:
   std::uint64_t mib_for_all_pairs() const {
     const std::uint64_t size = parts_.patches.size();
-    return (size * ((size / 2 + 31) / 32) * sizeof(std::uint32_t) >> 20) + 1;
+    return (size * all_words(parts_.patches.size()) * sizeof(std::uint32_t) >> 20) + 1;
   }
   /// Says what share of all light the clamps have taken.
   std::string clamped(const lightmap::Lightmap& light) const {
@@ -112,9 +126,8 @@ class PairwiseSolver final : public Solver {
   bool remembers() const { return bounces() > 0 && parts_.seen_words() > 0; }
   /// Returns the passes before the first bounce.
   std::uint32_t lead() const { return 1 + world_.scene.has_sky() + remembers(); }
-  /// Returns the most passes over the senders. One more brings the light of emitters that send it
-  /// as any texel does.
-  std::uint32_t bounces() const { return world_.settings.bounces + emitters_send(world_.settings); }
+  /// Returns the most passes over the senders.
+  std::uint32_t bounces() const { return bounce_limit(world_.settings); }
   /// Returns the passes of a bounce.
   std::uint32_t steps() const {
     switch (iteration()) {
@@ -179,6 +192,12 @@ double bounce_rays(const Parts& parts) {
   return kFacingShare * parts.senders.expected() * parts.patches.pair_samples();
 }
 
+Work bounce_work(const Parts& parts) {
+  const double covered = parts.remembered_share();
+  return Work::directions(bounce_rays(parts) * (1 - covered)) +
+         Work::other(kAskPair * parts.senders.expected() * covered);
+}
+
 std::uint32_t batch_texels(const Parts& parts) {
   const double most = std::clamp(kBatchRays / bounce_rays(parts), 1.0, 256.0);
   return parts.world.settings.batch_texels.value_or(std::uint32_t(most));
@@ -188,23 +207,42 @@ std::uint32_t window_texels(const proto::SolverSettings& settings, std::uint32_t
   return settings.window.value_or(std::max(1u, page_size / 128));
 }
 
+proto::VisibilityKind visibility_kind(const proto::SolverSettings& s, std::uint32_t texels) {
+  using enum proto::VisibilityKind;
+  if (s.visibility != kAuto) return s.visibility;
+  const bool has_single_pairs = s.method == proto::Method::kPairwise && s.pair_samples == 1 &&
+                                s.undersampling == proto::Undersampling::kNone &&
+                                !s.subdivision_threshold;
+  return has_single_pairs && s.bounces > 0 && words_for(s, texels) == all_words(texels) ? kCached
+                                                                                        : kRay;
+}
+
 double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window) {
   return texels * std::ceil(texels / (double(window) * window)) * pair_samples;
 }
 
+double bake_rays(const proto::SolverSettings& s, double texels, std::uint32_t window,
+                 double bounces) {
+  const double pass = kFacingShare * pass_rays(texels, s.pair_samples, window);
+  const auto count = std::uint32_t(texels);
+  if (visibility_kind(s, count) != proto::VisibilityKind::kCached || bounces == 0)
+    return bounces * pass;
+  const double covered = PairLayout(count, words_for(s, count)).coverage();
+  return covered * kFacingShare * texels * texels / 2 + (1 - covered) * bounces * pass;
+}
+
 double pairwise_memory_per_texel(const proto::SolverSettings& settings) {
-  const double emittance = emitters_send(settings) ? sizeof(math::Rgb) : 0;
   return Patches::memory_per_texel(settings.pair_samples) +
-         SenderStrategy::memory_per_texel(settings) + emittance;
+         SenderStrategy::memory_per_texel(settings) + sent_emittance_memory_per_texel(settings);
 }
 
 double pairwise_extra_memory(const proto::SolverSettings& s, double texels) {
   double bytes = 0;
-  if (s.visibility == proto::VisibilityKind::kCached) {
-    const auto words =
-        PairLayout::words_for(std::uint32_t(texels), std::uint64_t(s.visibility_cache_mib) << 20);
-    bytes += texels * words * sizeof(std::uint32_t);
-  }
+  // The texels are an estimate: there may be fewer, whose pairs have a place where theirs have
+  // none.
+  const auto least = std::uint32_t(kLeastTexels * texels);
+  if (visibility_kind(s, least) == proto::VisibilityKind::kCached)
+    bytes += texels * words_for(s, std::uint32_t(texels)) * sizeof(std::uint32_t);
   if (s.visibility == proto::VisibilityKind::kVoxel)
     bytes += trace::VoxelGrid::memory(s.voxel_grid);
   if (s.iteration == Iteration::kShooting) bytes += texels * (sizeof(math::Rgb) + kOrder);

@@ -26,11 +26,11 @@ namespace kiln::solver::pairwise {
 /// j need not be every texel: undersampling and the quadtree put fewer senders in their place, see
 /// SenderStrategy.
 ///
-/// Both directions of a pair are traced, each by the batch that owns the receiver. Reciprocity
-/// would spare half of the rays [RTRad alg. 4], but then a pair is written to two texels, and the
-/// batches of a Pass own one range of texels each; sums in an order that no thread changes would
-/// need batches that own two tiles, in rounds in which no tile occurs twice. `matrix` does trace
-/// each pair once, since it keeps the factors.
+/// Where the memory for it holds all pairs, each unordered pair is traced once, in a pass before
+/// the bounces that writes one bit to one texel [RTRad 4.7.4, 5.2]; see visibility_kind().
+/// Otherwise a bounce traces both directions of a pair, each by the batch that owns the receiver:
+/// reciprocity within a bounce [RTRad alg. 4] would write light to two texels, and the batches of a
+/// Pass own one range of texels each.
 std::unique_ptr<Solver> make_pairwise_solver(const World&);
 
 /// Makes the solver of the method `matrix`: the exact solution of the system that `pairwise`
@@ -56,9 +56,17 @@ inline constexpr double kFacingShare = 0.25;
 /// Returns the window of the settings, or what null stands for.
 std::uint32_t window_texels(const proto::SolverSettings&, std::uint32_t page_size);
 
+/// Returns the setting `visibility`, or what kAuto stands for with so many texels; never kAuto.
+/// That is kCached where bounces of `pairwise` go over pairs of single texels, which it can
+/// remember (see SeenPairs), and `solver.visibility_cache_mib` holds all of them; otherwise kRay.
+proto::VisibilityKind visibility_kind(const proto::SolverSettings&, std::uint32_t texels);
+
 /// The rays of one pass of `pairwise` over so many texels, with a sender in each window, if all
 /// faced each other; and the memory of the methods. Bytes.
 double pass_rays(double texels, std::uint32_t pair_samples, std::uint32_t window = 1);
+/// The rays of so many bounces, a pass that remembers pairs included, of the pairs that face each
+/// other.
+double bake_rays(const proto::SolverSettings&, double texels, std::uint32_t window, double bounces);
 double pairwise_memory_per_texel(const proto::SolverSettings&);
 /// What remembered visibility, voxels, shooting and clamps take beside that, of all texels.
 double pairwise_extra_memory(const proto::SolverSettings&, double texels);

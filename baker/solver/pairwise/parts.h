@@ -5,6 +5,7 @@
 
 #include "baker/lightmap/lightmap.h"
 #include "baker/solver/emittance.h"
+#include "baker/solver/pairwise/pairwise.h"
 #include "baker/solver/pairwise/patches.h"
 #include "baker/solver/pairwise/senders.h"
 #include "baker/solver/pairwise/view_factors.h"
@@ -19,7 +20,7 @@ struct Parts {
       : world(w),
         patches(w, w.settings.pair_samples),
         senders(w, patches),
-        emittance(emitters_send(w.settings) ? texel_emittance(w) : std::vector<math::Rgb>()),
+        emittance(sent_emittance(w)),
         visibility(make_visibility(w)),
         factors(w, patches, *visibility) {}
   Parts(const Parts&) = delete;
@@ -34,9 +35,14 @@ struct Parts {
   }
   /// Returns the words per texel that remember what is seen; 0 when nothing does.
   std::uint32_t seen_words() const {
-    if (world.settings.visibility != proto::VisibilityKind::kCached) return 0;
+    if (visibility_kind(world.settings, patches.size()) != proto::VisibilityKind::kCached) return 0;
     return PairLayout::words_for(patches.size(), std::uint64_t(world.settings.visibility_cache_mib)
                                                      << 20);
+  }
+  /// Returns the share of all pairs that a pass before the bounces has remembered.
+  double remembered_share() const {
+    const std::uint32_t words = seen_words();
+    return words > 0 ? PairLayout(patches.size(), words).coverage() : 0;
   }
   /// Returns the radiosity that others see for an irradiance of 1: ρ · albedo [RTRad eq. 4.8], over
   /// the share of the texel that can be seen, since E is the mean over all of it. What is nearly

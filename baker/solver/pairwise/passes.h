@@ -8,8 +8,10 @@
 
 namespace kiln::solver::pairwise {
 
-/// Returns the expected rays of one bounce towards a texel.
+/// Returns the expected rays of one bounce towards a texel, if nothing is remembered.
 double bounce_rays(const Parts&);
+/// Returns the expected effort of one bounce.
+Work bounce_work(const Parts&);
 /// Returns the texels of a batch: as many as the settings say, or take some tens of milliseconds.
 std::uint32_t batch_texels(const Parts&);
 

@@ -17,7 +17,7 @@ class ShootingPass final : public TransportPass {
       : TransportPass(parts, is_remembered, std::move(plan)) {
     plan_.reads.set(std::size_t(PlaneId::kRadiosity));
     plan_.finishes = lightmap::plane_set({PlaneId::kRadiosity});
-    plan_.work = Work::directions(bounce_rays(parts) / kShots);
+    plan_.work = bounce_work(parts) * (1.0 / kShots);
   }
 
   bool prepare(const lightmap::Lightmap& before, const exec::Workers&) override {

@@ -8,6 +8,7 @@
 #include "baker/sampling/estimate.h"
 #include "baker/sampling/shapes.h"
 #include "baker/sampling/sobol.h"
+#include "baker/solver/emittance.h"
 #include "baker/solver/footprint.h"
 
 namespace kiln::solver::path {
@@ -50,7 +51,7 @@ class PathBundle {
       add_area_light(bounce, from_lights);
       add_punctual_light(bounce, from_lights);
       add_bright_sky(bounce, from_lights);
-      extend(bounce, bounce == 0 ? sums.sky : sums.indirect);
+      extend(bounce, bounce == 0 ? sums.sky : sums.indirect, sums.indirect);
     }
   }
   std::uint64_t traced() const { return traced_; }
@@ -149,8 +150,17 @@ class PathBundle {
     return seen.radiance * kShares.of_cosine(seen.density, cosine);
   }
 
+  /// Returns the radiance of an emitter that a ray met, on the side that shines.
+  math::Rgb emission_met(const trace::HitPacket& met, std::uint32_t i) const {
+    const std::uint32_t triangle = met.triangle[i];
+    if (!is_emissive(world_.scene, triangle)) return {};
+    if (met.back[i] && !world_.scene.material_of(triangle).double_sided) return {};
+    return emission_at(world_.scene, triangle, {met.u[i], met.v[i]});
+  }
+
   /// Sends each path on by a cosine-distributed direction; those that end are dropped.
-  void extend(std::uint32_t bounce, sampling::HalfSums& sky) {
+  /// @param emitted grows by the light of emitters that are met, where no shadow rays look for it
+  void extend(std::uint32_t bounce, sampling::HalfSums& sky, sampling::HalfSums& emitted) {
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < alive_.size(); ++i) {
       Vertex v = alive_[i];
@@ -173,7 +183,11 @@ class PathBundle {
       if (met.triangle[i] == trace::kNoHit) {
         const math::Vec3 d{packet_.dir_x[i], packet_.dir_y[i], packet_.dir_z[i]};
         sky.half[v.in_second_half()] += v.throughput * sky_seen(v, d) * math::kPi;
-      } else if (bounce < world_.settings.bounces && reflect(v, met, i)) {
+        continue;
+      }
+      if (emitters_send(world_.settings))
+        emitted.half[v.in_second_half()] += v.throughput * emission_met(met, i) * math::kPi;
+      if (bounce < world_.settings.bounces && reflect(v, met, i)) {
         paths[going++] = v;
       } else if (bounce == 0 && met.back[i]) {
         behind_ += !world_.scene.material_of(met.triangle[i]).double_sided;

@@ -4,12 +4,14 @@
 
 namespace kiln::solver::radiosity_map {
 
-lightmap::Lightmap with_ambient_term(const atlas::TextureGroup& texels, lightmap::Lightmap light) {
+lightmap::Lightmap with_ambient_term(const atlas::TextureGroup& texels, lightmap::Lightmap light,
+                                     std::span<const math::Rgb> emittance) {
   double area = 0, albedo[3] = {}, reflected[3] = {}, arrived[3] = {};
   for (std::uint32_t t = 0; t < texels.size(); ++t) {
     const double a = double(texels.area_m2[t]);
     const math::Rgb rho = texels.albedo[t], e = light.direct[t] + light.sky[t];
-    const math::Rgb b = rho * e, indirect = light.indirect[t];
+    const math::Rgb b = rho * e + (emittance.empty() ? math::Rgb{} : emittance[t]);
+    const math::Rgb indirect = light.indirect[t];
     area += a;
     albedo[0] += a * double(rho.r), albedo[1] += a * double(rho.g), albedo[2] += a * double(rho.b);
     reflected[0] += a * double(b.r), reflected[1] += a * double(b.g),

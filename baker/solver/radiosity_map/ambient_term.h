@@ -1,5 +1,7 @@
 #pragma once
 
+#include <span>
+
 #include "baker/atlas/texture_group.h"
 #include "baker/lightmap/lightmap.h"
 
@@ -12,6 +14,8 @@ namespace kiln::solver::radiosity_map {
 /// In a closed room the mean of E is that of B, so with the mean albedo ρ and the mean b of what
 /// direct light and the sky leave reflected, b / (1 - ρ) will arrive in the end. Where a scene is
 /// open that is too much: the term never goes into the light of a bake.
-lightmap::Lightmap with_ambient_term(const atlas::TextureGroup&, lightmap::Lightmap);
+/// @param emittance M of the texels where they send it, see sent_emittance(): it adds to b
+lightmap::Lightmap with_ambient_term(const atlas::TextureGroup&, lightmap::Lightmap,
+                                     std::span<const math::Rgb> emittance = {});
 
 }  // namespace kiln::solver::radiosity_map

@@ -60,17 +60,22 @@ class AveragedSolver final : public Solver {
   std::vector<proto::Warning> remarks(std::span<const proto::PassReport> done,
                                       const lightmap::Lightmap&) const override {
     const auto ran = std::span(steps_).first(std::min(done.size(), steps_.size()));
-    const std::vector<double> share = series_shares(ran, kToldOrders);
+    const std::vector<double> share = series_shares(ran, kToldOrders + 1);
     if (share[1] == 0) return {};
+    // The light of emitters that send it as texels do is an order behind that of shadow rays.
+    const std::uint32_t behind = emitters_send(world_.settings), first = 2 - behind;
     std::string orders;
-    for (std::uint32_t k = 2; k <= kToldOrders; ++k)
-      orders += (k == 2 ? "" : k == kToldOrders ? " and " : ", ") + percent(1 - share[k]);
+    for (std::uint32_t k = first; k <= kToldOrders; ++k)
+      orders += (k == first         ? ""
+                 : k == kToldOrders ? " and "
+                                    : ", ") +
+                percent(1 - share[k + behind]);
     const double albedo = mean_albedo(world_.texels);
     return {{"series_short_of_light", "",
-             "The averaged series misses " + orders + " of the light that was reflected 2 to " +
-                 std::to_string(kToldOrders) +
+             "The averaged series misses " + orders + " of the light that was reflected " +
+                 std::to_string(first) + " to " + std::to_string(kToldOrders) +
                  " times; in a closed room of this scene's mean albedo that is " +
-                 percent(missing_share(ran, albedo)) +
+                 percent(missing_share(ran, albedo, behind)) +
                  " of all light. solver.series \"unbiased\" misses none."}};
   }
 
@@ -93,7 +98,7 @@ class UnbiasedSolver final : public Solver {
         beginning_(unbiased_beginning(world.settings, world.plan, world.scene.has_sky())) {}
 
   std::vector<lightmap::PlaneSpec> state_planes() const override {
-    if (world_.settings.bounces == 0) return {};
+    if (bounces() == 0) return {};
     return {{lightmap::PlaneId::kRadiosity}};
   }
 
@@ -103,7 +108,7 @@ class UnbiasedSolver final : public Solver {
     if (plan.index < beginning_.size())
       return make_step_pass(parts_, std::move(plan), beginning_[plan.index]);
     const auto bounce = std::uint32_t(plan.index - beginning_.size());
-    if (bounce >= world_.settings.bounces) return nullptr;
+    if (bounce >= bounces()) return nullptr;
     if (bounce > 0 && is_last(done.first(done.size() - 1))) return nullptr;
     Step step = unbiased_bounce(world_.plan, bounce);
     step.completes = is_last(done);
@@ -111,22 +116,23 @@ class UnbiasedSolver final : public Solver {
   }
 
   Forecast forecast() const override {
-    Forecast all{std::uint32_t(beginning_.size()) + world_.settings.bounces, {}};
+    Forecast all{std::uint32_t(beginning_.size()) + bounces(), {}};
     for (const Step& step : beginning_) all.work += step_work(parts_, step);
-    all.work += step_work(parts_, unbiased_bounce(world_.plan, 0)) *
-                std::min(kTypicalBounces, world_.settings.bounces);
+    all.work +=
+        step_work(parts_, unbiased_bounce(world_.plan, 0)) * std::min(kTypicalBounces, bounces());
     return all;
   }
   const SamplePlan& samples() const override { return world_.plan; }
   std::string ray_pattern() const override { return parts_.packets.name(); }
 
  private:
+  std::uint32_t bounces() const { return bounce_limit(world_.settings); }
   /// Returns whether the bounce that follows is the last one: the limit is reached, or the one
   /// after it would change the light by less than the tolerance, as the ratio of the last two says.
   bool is_last(std::span<const proto::PassReport> done) const {
-    const std::size_t bounces = done.size() - beginning_.size();
-    if (bounces + 1 >= world_.settings.bounces) return true;
-    if (bounces < 2) return false;
+    const std::size_t had = done.size() - beginning_.size();
+    if (had + 1 >= bounces()) return true;
+    if (had < 2) return false;
     const double last = done.back().residual, before = done[done.size() - 2].residual;
     const double ratio = before > 0 ? last / before : 0;
     return ratio < 1 && last * ratio * ratio <= double(world_.settings.tolerance);

@@ -21,6 +21,9 @@ namespace kiln::solver::radiosity_map {
 /// A bounce reads only what the one before has added. Ends at the limit on bounces, or when the
 /// next one would change less than the tolerance.
 ///
+/// Where `solver.emitters` is `transport`, what is read has what emitting texels send, too (see
+/// sent_emittance()): the light of emitters then comes with the first order of reflection.
+///
 /// What lies hidden inside other geometry is mended as in `gather`.
 std::unique_ptr<Solver> make_radiosity_map_solver(const World&);
 

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cmath>
 
+#include "baker/solver/emittance.h"
+
 namespace kiln::solver::radiosity_map {
 namespace {
 
@@ -27,7 +29,7 @@ bool looks_after(std::uint32_t iterations) {
 
 std::uint32_t kept_directions(const proto::SolverSettings& settings, const SamplePlan& plan,
                               double texels) {
-  if (settings.series != proto::Series::kAveraged || settings.bounces == 0) return 0;
+  if (settings.series != proto::Series::kAveraged || bounce_limit(settings) == 0) return 0;
   const double budget = double(settings.hit_memory_mib) * double(1u << 20);
   const double fitting = budget / (sizeof(std::uint32_t) * std::max(1.0, texels));
   const auto most = std::uint32_t(std::clamp(fitting, 1.0, double(kKeptDirections)));
@@ -37,7 +39,7 @@ std::uint32_t kept_directions(const proto::SolverSettings& settings, const Sampl
 std::vector<Step> averaged_steps(const proto::SolverSettings& settings, const SamplePlan& plan,
                                  double texels) {
   const std::uint32_t limit = plan.directions, direct_limit = plan.shadow_rays;
-  const bool bounces = settings.bounces > 0;
+  const bool bounces = bounce_limit(settings) > 0;
   const std::uint32_t initial = first_direct(settings, plan);
   const std::uint32_t kept =
       bounces ? kept_directions(settings, plan, texels) : std::min(limit, kKeptDirections);
@@ -83,7 +85,7 @@ std::vector<Step> unbiased_beginning(const proto::SolverSettings& settings, cons
   rest.direct = {initial, all - initial};
   rest.trace = {0, has_sky ? plan.directions : std::min(plan.directions, kProbeDirections)};
   rest.finds_sky = rest.probes = true;
-  rest.completes = settings.bounces == 0;
+  rest.completes = bounce_limit(settings) == 0;
   return steps;
 }
 
@@ -108,11 +110,11 @@ std::vector<double> series_shares(std::span<const Step> steps, std::uint32_t ord
   return share;
 }
 
-double missing_share(std::span<const Step> steps, double albedo) {
+double missing_share(std::span<const Step> steps, double albedo, std::uint32_t behind) {
   constexpr std::uint32_t kOrders = 512;
-  const std::vector<double> share = series_shares(steps, kOrders);
+  const std::vector<double> share = series_shares(steps, kOrders + behind);
   double arrived = 0, order = 1 - albedo;
-  for (const double s : share) arrived += s * order, order *= albedo;
+  for (const double s : std::span(share).subspan(behind)) arrived += s * order, order *= albedo;
   return 1 - arrived;
 }
 

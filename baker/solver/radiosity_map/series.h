@@ -61,7 +61,8 @@ Step unbiased_bounce(const SamplePlan&, std::uint32_t bounce);
 /// where all on the right is what the pass before left. With n = 1 that is eq. 3.18.
 std::vector<double> series_shares(std::span<const Step>, std::uint32_t orders);
 /// Returns the share of all light that is missing for that in a closed room whose surfaces all have
-/// this albedo: Σ_k (1 - κ_k) ρ^k (1 - ρ).
-double missing_share(std::span<const Step>, double albedo);
+/// this albedo: Σ_k (1 - κ_{k+n}) ρ^k (1 - ρ).
+/// @param behind n: orders by which the light of emitters is behind, 1 where texels send it
+double missing_share(std::span<const Step>, double albedo, std::uint32_t behind = 0);
 
 }  // namespace kiln::solver::radiosity_map

@@ -22,7 +22,10 @@ constexpr std::uint32_t kMostBatchTexels = 1024;
 class StepPass final : public Pass {
  public:
   StepPass(const Parts& parts, PassPlan plan, const Step& step)
-      : Pass(std::move(plan)), parts_(parts), step_(step), radiosity_(parts.world) {
+      : Pass(std::move(plan)),
+        parts_(parts),
+        step_(step),
+        radiosity_(parts.world, parts.emittance) {
     plan_.completes = step.completes;
     plan_.name = step.name;
     plan_.work = step_work(parts, step);
@@ -39,7 +42,10 @@ class StepPass final : public Pass {
   bool prepare(const lightmap::Lightmap& before, const exec::Workers& workers) override {
     if (step_.read.count == 0) return true;
     radiosity_.find_hidden(before);
-    return radiosity_.read(before, workers);
+    // The mean of the averaged series has no end but this to its orders of reflection.
+    const bool once =
+        !sends_terms() && bounce_limit(parts_.world.settings) == 1 && !parts_.emittance.empty();
+    return radiosity_.read(before, workers, once);
   }
 
   std::uint64_t run(atlas::TexelRange range, const lightmap::Lightmap& before,
@@ -177,7 +183,8 @@ Parts::Parts(const World& w, std::uint32_t count)
       packets(w, std::max(count, kKeptDirections)),
       hemisphere(w, packets),
       emitters(w),
-      kept(directions({0, count})) {}
+      kept(directions({0, count})),
+      emittance(sent_emittance(w)) {}
 
 sampling::DirectionSet Parts::directions(Run run) const {
   return {run.first, run.count, packets.sorts_directions(),

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "baker/sampling/direction_set.h"
+#include "baker/solver/emittance.h"
 #include "baker/solver/gather/hemisphere.h"
 #include "baker/solver/gather/packet_layout.h"
 #include "baker/solver/pass.h"
@@ -26,7 +28,8 @@ struct Parts {
   const gather::PacketLayout packets;
   const gather::Hemisphere hemisphere;
   const EmitterLight emitters;
-  const sampling::DirectionSet kept;  ///< those whose hits are kept; may be none
+  const sampling::DirectionSet kept;       ///< those whose hits are kept; may be none
+  const std::vector<math::Rgb> emittance;  ///< M of the texels, lx; empty when rays find it
 };
 
 /// Makes the pass that does a step. Sets in the plan what it reads, writes and costs.
