@@ -201,7 +201,8 @@ proto::Expected<proto::Manifest> bake(const BakeInput& input, exec::ThreadPool& 
 
   // 4. Write the files.
   reporter.enter("output", kSolvedAt);
-  const output::LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
+  const output::LitWriter write_lit = [&](const auto& path, const auto& pages,
+                                          std::stop_token until) {
     return source->write_lit(path, bake.scene, *bake.atlas, pages, std::move(until));
   };
   auto made = make_layers(bake, input.settings, *solution, *compared, stop);

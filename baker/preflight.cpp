@@ -25,8 +25,8 @@ constexpr double kTriangle = 300;
 constexpr double kSkyPixel = 24;
 // Bytes per texel square of a page: its map, twice.
 constexpr double kSquare = 8;
-// While one page is written: an image for each layer; padding, encoders, and the samples of two PNG
-// files and a row of tiles, which the processes that encode them copy.
+// While one page is written: an image for each layer, and two for unlit colors; padding, encoders,
+// and the samples of two PNG files and a row of tiles, which the processes that encode them copy.
 constexpr double kImage = 16, kEncoders = 48;
 /// The samples of one further picture of a page, twice, and its file.
 constexpr double kPicture = 9;
@@ -116,6 +116,8 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
       base + filtered + texels * (own.texel_complete + kSignal + (smooths ? smoothing : 0));
   const double page = double(settings.atlas.page_size) * settings.atlas.page_size;
   const auto& formats = settings.output.formats;
+  const bool has_glb = std::find(formats.begin(), formats.end(), "glb") != formats.end();
+  const bool unlit = has_glb && settings.output.glb_mode == proto::GlbMode::kUnlit;
   const auto& layers = settings.output.layers;
   const bool draws = std::find(formats.begin(), formats.end(), "png") != formats.end();
   const auto pictures =
@@ -124,8 +126,8 @@ std::uint64_t estimate_memory(const scene::Scene& scene, const proto::BakeSettin
             : 0;
   const LayerMemory made = layer_memory(settings, texels);
   const double finished = base + filtered + made.kept;
-  const double writing = finished + page * (kImage * double(1 + layers.size()) + kEncoders +
-                                            kPicture * double(pictures));
+  const double writing = finished + page * (kImage * double((unlit ? 3 : 1) + layers.size()) +
+                                            kEncoders + kPicture * double(pictures));
   double making = finished + made.making;
   double reporting = 0;
   if (settings.report.against) {

@@ -11,7 +11,7 @@ proto::Expected<scene::Scene> InProcessReader::import(std::stop_token stop) {
 proto::Expected<void> InProcessReader::write_lit(const std::filesystem::path& path,
                                                  const scene::Scene& scene,
                                                  const atlas::Atlas& atlas,
-                                                 std::span<const output::LitPage> pages,
+                                                 const output::LitPages& pages,
                                                  std::stop_token /*stop*/) {
   return output::lit::write_lit_glb(path, files_, scene, atlas, pages, limits_);
 }

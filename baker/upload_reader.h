@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <span>
 #include <stop_token>
 
 #include "baker/atlas/atlas.h"
@@ -22,7 +21,7 @@ class UploadReader {
   /// Writes lit.glb as write_lit_glb() does. The scene is the one that import() returned. Errors:
   /// also `canceled`.
   virtual proto::Expected<void> write_lit(const std::filesystem::path&, const scene::Scene&,
-                                          const atlas::Atlas&, std::span<const output::LitPage>,
+                                          const atlas::Atlas&, const output::LitPages&,
                                           std::stop_token) = 0;
 };
 
@@ -33,7 +32,7 @@ class InProcessReader final : public UploadReader {
       : files_(std::move(files)), limits_(limits) {}
   proto::Expected<scene::Scene> import(std::stop_token) override;
   proto::Expected<void> write_lit(const std::filesystem::path&, const scene::Scene&,
-                                  const atlas::Atlas&, std::span<const output::LitPage>,
+                                  const atlas::Atlas&, const output::LitPages&,
                                   std::stop_token) override;
 
  private:

@@ -29,6 +29,12 @@ class JsonReader {
   void read(const char* key, std::uint32_t& out) { integer(key, out); }
   void read(const char* key, std::uint64_t& out) { integer(key, out); }
 
+  /// Reads a member that documents of earlier versions lack.
+  template <class T>
+  void read_if_there(const char* key, T& out) {
+    if (doc_.contains(key)) read(key, out);
+  }
+
   /// Reads a string; null is read as "".
   void read_or_null(const char* key, std::string& out) {
     const auto* value = find(key);

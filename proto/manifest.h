@@ -24,6 +24,11 @@ struct PageInfo {
   std::string exr, preview;  ///< names of the files; "" when they were not asked for
   float preview_exposure = 0;
   float max_lx = 0;
+  /// The irradiance that the page inside lit.glb holds at most, lx; 0: it holds no lightmap page.
+  float glb_scale = 0;
+  /// Lit texels that are brighter and so are clipped there, and among them those of lamps, which
+  /// shine by themselves.
+  std::uint32_t glb_clipped = 0, glb_clipped_lamps = 0;
 };
 
 /// The place of one glTF node's mesh in the atlas: uv_page = uv_lightmap * scale + offset, where

@@ -31,10 +31,16 @@ json file_json(const ResultFile& f) {
 }
 
 json page_json(const PageInfo& p) {
-  return {{"width", p.width},          {"height", p.height},
-          {"texels", p.texels},        {"exr", p.exr},
-          {"preview", p.preview},      {"preview_exposure", number(p.preview_exposure)},
-          {"max_lx", number(p.max_lx)}};
+  return {{"width", p.width},
+          {"height", p.height},
+          {"texels", p.texels},
+          {"exr", p.exr},
+          {"preview", p.preview},
+          {"preview_exposure", number(p.preview_exposure)},
+          {"max_lx", number(p.max_lx)},
+          {"glb_scale", number(p.glb_scale)},
+          {"glb_clipped", p.glb_clipped},
+          {"glb_clipped_lamps", p.glb_clipped_lamps}};
 }
 
 json node_json(const NodePlacement& n) {
@@ -108,6 +114,9 @@ void read_page(JsonReader& in, PageInfo& out) {
   in.read("preview", out.preview);
   in.read("preview_exposure", out.preview_exposure);
   in.read("max_lx", out.max_lx);
+  in.read_if_there("glb_scale", out.glb_scale);  // Manifests of 0.2 lack these three.
+  in.read_if_there("glb_clipped", out.glb_clipped);
+  in.read_if_there("glb_clipped_lamps", out.glb_clipped_lamps);
 }
 
 void read_node(JsonReader& in, NodePlacement& out) {

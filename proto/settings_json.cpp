@@ -157,6 +157,10 @@ void check_output(const BakeSettings& s, ProblemList& problems) {
       !std::has_single_bit(s.solver.subdivision_max_node))
     problems.add("/solver/subdivision_max_node",
                  "expected a power of two, found " + std::to_string(s.solver.subdivision_max_node));
+  if (s.output.glb_mode == GlbMode::kUnlit && s.output.glb_lightmap != GlbLightmap::kSrgb8)
+    problems.add("/output/glb_lightmap",
+                 "the colors of unlit materials are plain sRGB: expected \"srgb8\" with glb_mode "
+                 "\"unlit\"");
   if (s.output.tone_curve && s.output.exposure)
     problems.add("/output/tone_curve",
                  "the curve goes by the brightest value of a page: expected null with exposure");

@@ -514,6 +514,25 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .description = "Share of the way from the light shown before to the light computed that "
                           "the previews of a bake which runs go after each pass: below 1 they fade "
                           "into each other. The result does not hang on it."}),
+      row<[](auto& s) -> auto& { return s.output.glb_lightmap; }>(
+          {.path = "output.glb_lightmap", .kind = kChoice, .choices = {"srgb8", "rgbm", "none"},
+           .description = "The lightmap pages inside lit.glb. srgb8: sRGB codes of 8 bits times a "
+                          "scale; at most 0.1 % of the texels are brighter and clipped, and those of "
+                          "lamps, which shine by themselves. rgbm: 8 bits of color and a factor in "
+                          "alpha, which hold the whole range. none: no pages, only TEXCOORD_1 and the "
+                          "names of the EXR pages."}),
+      row<[](auto& s) -> auto& { return s.output.glb_mode; }>(
+          {.path = "output.glb_mode", .kind = kChoice, .choices = {"lightmap", "unlit"},
+           .description = "How lit.glb shows the light. lightmap: beside the scene's materials, which "
+                          "a loader multiplies. unlit: materials of KHR_materials_unlit whose color is "
+                          "albedo times light plus emission, at the preview's exposure and usual curve, "
+                          "for viewers that know no lightmap; textures have the resolution of the "
+                          "lightmap then. Only with glb_lightmap srgb8."}),
+      row<[](auto& s) -> auto& { return s.output.keep_lights; }>(
+          {.path = "output.keep_lights", .kind = kBoolean,
+           .description = "lit.glb keeps the lights of KHR_lights_punctual, whose light the pages hold: "
+                          "a viewer has to switch them off, or what they light is lit twice. false: "
+                          "they are left out."}),
       row<[](auto& s) -> auto& { return s.report.against; }>(
           {.path = "report.against", .kind = kText, .max = 1024, .nullable = true,
            .description = "What the result is compared with, in report.json, error maps, contours and "

@@ -1,13 +1,39 @@
 #pragma once
 
+#include <cstdint>
+#include <vector>
+
 #include "baker/output/output.h"
 
 namespace kiln::output {
 
-/// Encodes a page as lit.glb embeds it: an opaque 8-bit PNG of linear values, 255 E / scale, where
-/// scale is the page's largest channel (1 for a black page), so that nothing is clipped. Values are
-/// rounded up or down by an ordered pattern, so that a filtered look-up meets the mean and dark
-/// gradients show no bands. Negative values become 0, and 0 stays 0. Errors: `internal`.
-proto::Expected<LitPage> encode_lit_page(const image::PageImage&);
+/// MX_lightmap decodes RGBM as E = 34.49 * alpha^2.2 * rgb * intensity, and so do our pages.
+inline constexpr float kRgbmRange = 34.49f, kRgbmPower = 2.2f;
+
+/// Returns the irradiance that an sRGB-coded page holds at most: that of the brightest lit texel
+/// which is no lamp, or a lower one if that loses less light. A lower scale makes finer codes and
+/// clips what is brighter. Of all scales that clip no more than one texel in a thousand this one
+/// has the least mean square error of all texels together; the error of a clipped texel counts up
+/// to the mean of the page, so that a stray bright texel does not coarsen all others. `lamps` are
+/// texels that shine by themselves, which hides what lights them: they count only where nothing
+/// else is lit. 1 for a black page.
+float lit_scale(const image::PageImage&, const std::vector<bool>& lamps);
+
+/// Encodes a page as lit.glb embeds it, with scale, png and what is clipped. Negative values become
+/// 0, and 0 stays 0. Errors: `internal`.
+///  - kSrgb8: an opaque image, E = scale * linear value of the sRGB code, with lit_scale(). Codes
+///    are rounded to the nearest; dark ones, whose steps are coarse, up or down by an ordered
+///    pattern, so that a filtered look-up meets the mean and gradients show no bands.
+///  - kRgbm: E = scale * alpha^2.2 * rgb, all of them code / 255; scale is the page's largest
+///    channel, so that nothing is clipped.
+///  - kNone: no image.
+proto::Expected<LitPage> encode_lit_page(const image::PageImage&, const std::vector<bool>& lamps,
+                                         proto::GlbLightmap);
+
+/// Encodes what an unlit page shows: sRGB codes of the light by the preview's usual curve at
+/// `exposure`. `light`: pi times the radiance that leaves the surface. `alpha`: its first channel
+/// is that of the image, which is opaque without. Errors: `internal`.
+proto::Expected<LitPage> encode_unlit_page(const image::PageImage& light,
+                                           const image::PageImage* alpha, float exposure);
 
 }  // namespace kiln::output

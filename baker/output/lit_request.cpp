@@ -11,6 +11,7 @@ using proto::Expected;
 
 struct SizeRecord {
   std::uint32_t page_size, page_count;
+  std::uint32_t lightmap, mode, keep_lights;
 };
 struct PlacementRecord {
   std::uint32_t page, uses_source_uv;
@@ -18,6 +19,7 @@ struct PlacementRecord {
 };
 struct PageRecord {
   float scale, exposure;
+  std::uint32_t clipped, clipped_lamps;
   std::uint32_t exr_bytes, png_bytes;
 };
 using Triangle = std::array<std::uint32_t, 3>;
@@ -54,11 +56,23 @@ bool read_pages(LitRequest& out, const files::FlatFile& file) {
     page.png = text.substr(r.exr_bytes, r.png_bytes);
     page.scale = r.scale;
     page.exposure = r.exposure;
+    page.clipped = r.clipped;
+    page.clipped_lamps = r.clipped_lamps;
     if (!std::isfinite(page.scale) || !std::isfinite(page.exposure)) return false;
     text.remove_prefix(std::size_t{r.exr_bytes} + r.png_bytes);
-    out.pages.push_back(std::move(page));
+    out.light.pages.push_back(std::move(page));
   }
-  return text.empty() && out.pages.size() == out.atlas.page_count;
+  return text.empty() && out.light.pages.size() == out.atlas.page_count;
+}
+
+bool read_form(LitPages& out, const SizeRecord& r) {
+  if (r.lightmap > std::uint32_t(proto::GlbLightmap::kNone) ||
+      r.mode > std::uint32_t(proto::GlbMode::kUnlit) || r.keep_lights > 1)
+    return false;
+  out.lightmap = proto::GlbLightmap(r.lightmap);
+  out.mode = proto::GlbMode(r.mode);
+  out.keep_lights = r.keep_lights != 0;
+  return true;
 }
 
 bool read_placements(atlas::Atlas& atlas, const files::FlatFile& file) {
@@ -92,9 +106,10 @@ bool fits(const atlas::Atlas& atlas, const scene::Scene& scene) {
 
 }  // namespace
 
-proto::Expected<void> write_lit_request(int fd, const atlas::Atlas& atlas,
-                                        std::span<const LitPage> pages) {
-  const std::vector<SizeRecord> size{{atlas.page_size, atlas.page_count}};
+proto::Expected<void> write_lit_request(int fd, const atlas::Atlas& atlas, const LitPages& light) {
+  const std::vector<SizeRecord> size{{atlas.page_size, atlas.page_count,
+                                      std::uint32_t(light.lightmap), std::uint32_t(light.mode),
+                                      light.keep_lights}};
   std::vector<std::uint32_t> triangle_page(atlas.triangles.size());
   for (std::uint32_t t = 0; t < triangle_page.size(); ++t) triangle_page[t] = atlas.page_of(t);
   std::vector<PlacementRecord> placements;
@@ -102,9 +117,9 @@ proto::Expected<void> write_lit_request(int fd, const atlas::Atlas& atlas,
     placements.push_back({p.page, p.uses_source_uv, p.scale, p.offset});
   std::vector<PageRecord> records;
   std::string text;
-  for (const LitPage& p : pages) {
-    records.push_back(
-        {p.scale, p.exposure, std::uint32_t(p.exr.size()), std::uint32_t(p.png.size())});
+  for (const LitPage& p : light.pages) {
+    records.push_back({p.scale, p.exposure, p.clipped, p.clipped_lamps, std::uint32_t(p.exr.size()),
+                       std::uint32_t(p.png.size())});
     text += p.exr;
     text += p.png;
   }
@@ -126,6 +141,7 @@ proto::Expected<LitRequest> read_lit_request(std::string_view bytes, const scene
   if (size.size() != 1 || size[0].page_size == 0 || size[0].page_count > kMaxPages)
     return files::bad_flat_file("its page sizes are out of range");
   LitRequest out;
+  if (!read_form(out.light, size[0])) return files::bad_flat_file("its settings are out of range");
   atlas::Atlas& atlas = out.atlas;
   atlas.page_size = size[0].page_size;
   atlas.page_count = size[0].page_count;

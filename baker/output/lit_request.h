@@ -1,6 +1,5 @@
 #pragma once
 
-#include <span>
 #include <string_view>
 #include <vector>
 
@@ -14,11 +13,11 @@ namespace kiln::output {
 /// (flat_file.h) to the process that writes lit.glb.
 struct LitRequest {
   atlas::Atlas atlas;  ///< only what lit.glb needs: one chart for each page, without bounds
-  std::vector<LitPage> pages;
+  LitPages light;
 };
 
 /// Writes a request from the descriptor's current offset on. Errors: `storage_full`, `io_error`.
-proto::Expected<void> write_lit_request(int fd, const atlas::Atlas&, std::span<const LitPage>);
+proto::Expected<void> write_lit_request(int fd, const atlas::Atlas&, const LitPages&);
 
 /// Reads a request. Any bytes are safe to read, and a returned atlas fits the scene. Errors:
 /// `bad_document`.

@@ -28,14 +28,22 @@ namespace kiln::output {
 
 /// A page as lit.glb embeds it.
 struct LitPage {
-  std::string png;  ///< opaque 8-bit image of linear values: value (0..1) * scale = E in lx
-  float scale = 1;
+  std::string png;     ///< 8-bit image, see lit_page.h; "" for GlbLightmap::kNone
+  float scale = 1;     ///< lx: what the brightest code means
   std::string exr;     ///< the name of the page's EXR beside lit.glb; "" when none is written
-  float exposure = 1;  ///< exposure of the preview
+  float exposure = 1;  ///< 1/lx: of the preview; of unlit colors that of all pages
+  std::uint32_t clipped = 0, clipped_lamps = 0;  ///< see proto::PageInfo
+};
+/// The light of a bake as lit.glb shows it.
+struct LitPages {
+  std::vector<LitPage> pages;
+  proto::GlbLightmap lightmap = proto::GlbLightmap::kSrgb8;
+  proto::GlbMode mode = proto::GlbMode::kLightmap;
+  bool keep_lights = false;  ///< see proto::OutputSettings
 };
 /// Writes lit.glb to a path. Errors: those of write_lit_glb(), and `canceled`.
-using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&,
-                                                      std::span<const LitPage>, std::stop_token)>;
+using LitWriter = std::function<proto::Expected<void>(const std::filesystem::path&, const LitPages&,
+                                                      std::stop_token)>;
 
 /// The parts of a finished bake that go into its files.
 struct OutputInput {

@@ -26,6 +26,8 @@ image::PageImage compose_page(const atlas::TextureGroup&, std::uint32_t page,
 /// Returns the scale that brings the 95th percentile (nearest rank) of lit luminance to 0.8 before
 /// the tone curve. Where that percentile is black it brings the maximum there. A black page gets 1.
 float automatic_exposure(const image::PageImage&);
+/// Returns the same for the luminance of lit texels, in any order.
+float automatic_exposure(std::vector<float> luminance);
 
 /// The way from light to 8-bit colors.
 struct Tone {

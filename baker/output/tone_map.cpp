@@ -47,7 +47,10 @@ std::uint8_t encode_srgb(float linear) {
 }
 
 float automatic_exposure(const image::PageImage& image) {
-  std::vector<float> lit = lit_luminance(image);
+  return automatic_exposure(lit_luminance(image));
+}
+
+float automatic_exposure(std::vector<float> lit) {
   if (lit.empty()) return 1;
   const auto rank = std::size_t(std::ceil(kPercentile * double(lit.size()))) - 1;
   std::nth_element(lit.begin(), lit.begin() + std::ptrdiff_t(rank), lit.end());

@@ -74,7 +74,37 @@ class Writer {
       if (auto ok = measure(layers_.back()); !ok) return ok;
     }
     irradiance_ = layers().front().value(in_);
+    emission_ = find_layer("emission")->value(in_);
+    return prepare_lit();
+  }
+
+  /// Takes the settings of lit.glb. Unlit colors have one exposure for all pages, since a surface
+  /// may lie on several.
+  proto::Expected<void> prepare_lit() {
+    const proto::OutputSettings& output = settings_.output;
+    lit_.lightmap = output.glb_lightmap;
+    lit_.mode = output.glb_mode;
+    lit_.keep_lights = output.keep_lights;
+    if (!shows_unlit()) return {};
+    if (output.exposure) {
+      unlit_exposure_ = *output.exposure;
+      return {};
+    }
+    exec::StopPoll stopped(stop_);
+    std::vector<float> luminances;
+    luminances.reserve(in_.texels.front_count);
+    for (std::uint32_t t = 0; t < in_.texels.front_count; ++t) {
+      if (stopped()) return exec::canceled();
+      const float y = luminance(irradiance_(t));
+      if (std::isfinite(y)) luminances.push_back(std::max(y, 0.f));
+    }
+    unlit_exposure_ = automatic_exposure(std::move(luminances));
     return {};
+  }
+
+  bool shows_unlit() const {
+    return settings_.output.glb_mode == proto::GlbMode::kUnlit &&
+           contains(settings_.output.formats, "glb");
   }
 
   proto::Expected<void> measure(PageLayer& layer) const {
@@ -128,17 +158,21 @@ class Writer {
           });
     }
     if (contains(settings_.output.formats, "glb"))
-      tasks.push_back([&] {
-        const Tone usual = tone_of(irradiance, settings_.output.exposure, {});
-        return make_lit_page(irradiance, info->exr, usual.exposure, made);
-      });
+      tasks.push_back([&] { return make_lit_page(p, irradiance, info->exr, made); });
     if (auto ok = run(tasks); !ok) return ok;
 
     for (auto* file : {&made.exr, &made.preview})
       if (*file) manifest_.files.push_back(std::move(**file));
     for (auto& file : made.layer_previews)
       if (file) manifest_.files.push_back(std::move(*file));
-    if (made.lit) lit_pages_.push_back(std::move(*made.lit));
+    if (made.lit) {
+      if (!shows_unlit() && !made.lit->png.empty()) {
+        info->glb_scale = made.lit->scale;
+        info->glb_clipped = made.lit->clipped;
+        info->glb_clipped_lamps = made.lit->clipped_lamps;
+      }
+      lit_.pages.push_back(std::move(*made.lit));
+    }
     if (made.warning) manifest_.warnings.push_back(std::move(*made.warning));
     manifest_.pages.push_back(std::move(*info));
     return {};
@@ -274,14 +308,55 @@ class Writer {
     return write_picture(name, image, shown, tone, layer.range, file);
   }
 
-  static proto::Expected<void> make_lit_page(const image::PageImage& image, const std::string& exr,
-                                             float exposure, PageFiles& made) {
-    auto lit = encode_lit_page(image);
+  proto::Expected<void> make_lit_page(std::uint32_t p, const image::PageImage& irradiance,
+                                      const std::string& exr, PageFiles& made) const {
+    auto lit = shows_unlit() ? make_unlit_page(p)
+                             : encode_lit_page(irradiance, lamps_of(p), lit_.lightmap);
     if (!lit) return Unexpected(lit.error());
     lit->exr = exr;
-    lit->exposure = exposure;
+    if (!shows_unlit()) lit->exposure = tone_of(irradiance, settings_.output.exposure, {}).exposure;
     made.lit = std::move(*lit);
     return {};
+  }
+
+  /// Returns for each texel of the page whether it sends more light of its own than it could
+  /// reflect.
+  std::vector<bool> lamps_of(std::uint32_t p) const {
+    std::vector<bool> lamps;
+    if (!scene_emits()) return lamps;
+    const auto& texel_at = in_.texels.pages[p].texel_at;
+    lamps.resize(texel_at.size());
+    for (std::size_t i = 0; i < texel_at.size(); ++i) {
+      if (texel_at[i] < 0) continue;
+      const auto t = std::uint32_t(texel_at[i]);
+      lamps[i] = math::kPi * max_channel(emission_(t)) > max_channel(irradiance_(t));
+    }
+    return lamps;
+  }
+
+  bool scene_emits() const {
+    return std::ranges::any_of(in_.scene.materials,
+                               [](const scene::Material& m) { return !is_black(m.emission); });
+  }
+
+  /// Makes a page of what leaves the surface: reflected and own light.
+  proto::Expected<LitPage> make_unlit_page(std::uint32_t p) const {
+    const image::PageImage light = compose(p, [this](std::uint32_t t) {
+      return in_.texels.albedo[t] * irradiance_(t) + emission_(t) * math::kPi;
+    });
+    const bool opaque = std::ranges::all_of(in_.scene.materials, [](const scene::Material& m) {
+      return m.alpha_mode == scene::AlphaMode::kOpaque;
+    });
+    if (opaque) return encode_unlit_page(light, nullptr, unlit_exposure_);
+    const image::PageImage alpha = compose(p, [this](std::uint32_t t) {
+      float sum = 0;
+      for (const atlas::SamplePoint& point : in_.texels.points_of(t))
+        sum += in_.scene.material_of(point.triangle).alpha_mode == scene::AlphaMode::kOpaque
+                   ? 1
+                   : alpha_at(in_.scene, point.triangle, point.bary());
+      return math::Rgb{sum / atlas::TextureGroup::kPointsPerTexel, 0, 0};
+    });
+    return encode_unlit_page(light, &alpha, unlit_exposure_);
   }
 
   void fill_nodes() {
@@ -309,7 +384,7 @@ class Writer {
     if (auto ok = check_stop(); !ok) return ok;
     if (auto ok = proto::write_whole(dir_ / "lit.glb",
                                      [&](const std::filesystem::path& temporary) {
-                                       return in_.write_lit(temporary, lit_pages_, stop_);
+                                       return in_.write_lit(temporary, lit_, stop_);
                                      });
         !ok)
       return ok;
@@ -359,7 +434,9 @@ class Writer {
   std::stop_token stop_;
   std::vector<PageLayer> layers_;
   TexelValue irradiance_;  ///< as a page shows it, whatever its layers are
-  std::vector<LitPage> lit_pages_;
+  TexelValue emission_;
+  LitPages lit_;
+  float unlit_exposure_ = 1;
 };
 
 }  // namespace

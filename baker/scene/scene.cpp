@@ -29,29 +29,34 @@ std::uint32_t wrap_index(std::int64_t i, std::int64_t n, Wrap wrap) {
   return std::uint32_t(((i % n) + n) % n);
 }
 
-math::Rgb texel_rgb(const Scene& scene, const Image& image, std::uint32_t x, std::uint32_t y) {
-  const auto& t = scene.image_texels[image.first_texel + std::uint64_t(y) * image.width + x];
-  return {kSrgbToLinear[t[0]], kSrgbToLinear[t[1]], kSrgbToLinear[t[2]]};
-}
-
 /// Keeps texture coordinates in a range where a float still tells texels apart.
 float bounded(float v) {
   return std::isfinite(v) ? std::clamp(v, -65536.f, 65536.f) : 0.f;
 }
 
-math::Rgb sample(const Scene& scene, const Texture& texture, math::Vec2 uv) {
-  if (texture.image < 0) return {1, 1, 1};
+/// Returns the texture's bilinear value, of which `value` is that of one texel; `white` where there
+/// is no texture.
+template <class T, class Value>
+T sample(const Scene& scene, const Texture& texture, math::Vec2 uv, T white, const Value& value) {
+  if (texture.image < 0) return white;
   const Image& image = scene.images[texture.image];
   const float x = bounded(uv.x) * float(image.width), y = bounded(uv.y) * float(image.height);
-  const auto at = [&](float ix, float iy) {
-    return texel_rgb(scene, image, wrap_index(std::int64_t(ix), image.width, texture.wrap_u),
-                     wrap_index(std::int64_t(iy), image.height, texture.wrap_v));
+  const auto at = [&](float ix, float iy) -> T {
+    const std::uint32_t column = wrap_index(std::int64_t(ix), image.width, texture.wrap_u);
+    const std::uint32_t row = wrap_index(std::int64_t(iy), image.height, texture.wrap_v);
+    return value(scene.image_texels[image.first_texel + std::uint64_t(row) * image.width + column]);
   };
   if (texture.nearest) return at(std::floor(x), std::floor(y));
   const float x0 = std::floor(x - 0.5f), y0 = std::floor(y - 0.5f);
   const float fx = x - 0.5f - x0, fy = y - 0.5f - y0;
   return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) +
          (at(x0, y0 + 1) * (1 - fx) + at(x0 + 1, y0 + 1) * fx) * fy;
+}
+
+math::Rgb sample(const Scene& scene, const Texture& texture, math::Vec2 uv) {
+  return sample(scene, texture, uv, math::Rgb{1, 1, 1}, [](const auto& t) {
+    return math::Rgb{kSrgbToLinear[t[0]], kSrgbToLinear[t[1]], kSrgbToLinear[t[2]]};
+  });
 }
 
 math::Vec2 interpolate_uv(const std::vector<math::Vec2>& uv, const std::array<std::uint32_t, 3>& v,
@@ -103,6 +108,16 @@ math::Rgb albedo_at(const Scene& scene, std::uint32_t triangle, Bary t) {
   const math::Rgb a =
       m.base_color * vertex * sample(scene, m.base_texture, interpolate_uv(scene.base_uv, v, t));
   return {std::clamp(a.r, 0.f, 1.f), std::clamp(a.g, 0.f, 1.f), std::clamp(a.b, 0.f, 1.f)};
+}
+
+float alpha_at(const Scene& scene, std::uint32_t triangle, Bary t) {
+  const auto& v = scene.triangles[triangle];
+  const float vertex = scene.colors[v[0]][3] * (1 - t.u - t.v) + scene.colors[v[1]][3] * t.u +
+                       scene.colors[v[2]][3] * t.v;
+  const Texture& texture = scene.material_of(triangle).base_texture;
+  const float a = vertex * sample(scene, texture, interpolate_uv(scene.base_uv, v, t), 1.f,
+                                  [](const auto& texel) { return float(texel[3]) * (1.f / 255); });
+  return std::clamp(a, 0.f, 1.f);
 }
 
 math::Rgb emission_at(const Scene& scene, std::uint32_t triangle, Bary t) {

@@ -176,6 +176,9 @@ inline bool has_area(math::Vec3 a, math::Vec3 b, math::Vec3 c) {
 }
 /// Returns the albedo before the cap: factor * texture * vertex color, each channel in [0, 1].
 math::Rgb albedo_at(const Scene&, std::uint32_t triangle, Bary);
+/// Returns the share of a surface that is there, texture * vertex color: 0 is a hole, 1 is opaque.
+/// The factor of the material is not in it, and a bake takes every surface for opaque.
+float alpha_at(const Scene&, std::uint32_t triangle, Bary);
 /// Returns the emitted radiance, cd/m2.
 math::Rgb emission_at(const Scene&, std::uint32_t triangle, Bary);
 /// Returns whether any point of the triangle may emit (its factor is not black).

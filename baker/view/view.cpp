@@ -112,6 +112,11 @@ Expected<Picture> draw(const std::filesystem::path& folder, const proto::Manifes
                        const scene::Scene& scene, SceneKind kind, const Request& request,
                        exec::ThreadPool& pool, std::stop_token stop) {
   if (auto ok = check(request); !ok) return Unexpected(ok.error());
+  if (request.shaded && kind == SceneKind::kLit &&
+      manifest.settings.output.glb_mode == proto::GlbMode::kUnlit)
+    return wrong("bad_request", "shaded",
+                 "The albedo is not known: the materials of this lit.glb are unlit, with the light "
+                 "in their color. Bake with `output.glb_mode` \"lightmap\".");
   const Size size = request.size;
   const auto lens = choose_camera(request.camera, scene, float(size.width) / float(size.height),
                                   request.orthographic);

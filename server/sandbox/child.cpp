@@ -151,7 +151,7 @@ proto::Expected<void> write_lit(const ImportRequest& request, const files::Scene
   if (!scene) return Unexpected(scene.error());
   const auto lit = output::read_lit_request(input.request.bytes(), *scene);
   if (!lit) return Unexpected(lit.error());
-  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->pages,
+  return output::lit::write_lit_glb(request.product, files, *scene, lit->atlas, lit->light,
                                     request.limits);
 }
 

@@ -160,7 +160,7 @@ class IsolatedSource final : public baker::UploadReader {
   }
 
   proto::Expected<void> write_lit(const fs::path& path, const scene::Scene&,
-                                  const atlas::Atlas& atlas, std::span<const output::LitPage> pages,
+                                  const atlas::Atlas& atlas, const output::LitPages& pages,
                                   std::stop_token stop) override {
     const Fd product(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
     if (!product.valid()) return proto::storage_error("create", path);

@@ -1,6 +1,3 @@
-#include <png.h>
-
-#include "baker/output/lit_page.h"
 #include "tests/output/lit_scene.h"
 
 namespace kiln::output {
@@ -20,51 +17,28 @@ std::string base64(const std::string& bytes) {
   return out;
 }
 
-/// Pixels of an 8-bit RGB PNG.
-std::vector<std::array<std::uint8_t, 3>> decode_png(const std::string& png) {
-  png_image image{};
-  image.version = PNG_IMAGE_VERSION;
-  if (png_image_begin_read_from_memory(&image, png.data(), png.size()) == 0 ||
-      image.format != PNG_FORMAT_RGB)
-    throw std::runtime_error("not such a PNG");
-  std::vector<std::array<std::uint8_t, 3>> out(std::size_t(image.width) * image.height);
-  if (png_image_finish_read(&image, nullptr, out.data(), 0, nullptr) == 0)
-    throw std::runtime_error("broken PNG");
-  return out;
-}
-
-/// A triangle with normals, so that its vertices stay, and a material.
-GltfFile triangle() {
-  GltfFile g;
-  const int position = g.positions({0, 0, 0, 1, 0, 0, 0, 1, 0});
-  const int normal = g.floats({0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3", 3);
-  const int uv = g.floats({0, 0, 1, 0, 0, 1}, "VEC2", 2);
-  g.add("materials", {{"name", "paint"}});
-  g.mesh({{"attributes", {{"POSITION", position}, {"NORMAL", normal}, {"TEXCOORD_0", uv}}},
-          {"material", 0}});
-  g.node({{"mesh", 0}, {"name", "leaf"}});
-  return g;
-}
-
 std::string small_png() {
   return image::encode_png(std::vector<std::array<std::uint8_t, 3>>(4, {9, 8, 7}), 2, 2).value();
 }
 
-TEST(LitDocument, ReferencesTheLightmapByBothExtensions) {
+TEST(LitDocument, MaterialsReferenceTheLightmap) {
   const test::TempFolder folder;
   const GlbReader lit = light(folder, triangle(), Layout::kWhole);
-  EXPECT_EQ(lit.json["extensionsUsed"], Json({"MX_lightmap", "MOZ_lightmap"}));
+  EXPECT_EQ(lit.json["extensionsUsed"], Json::array({"MOZ_lightmap"}));
   EXPECT_FALSE(lit.json.contains("extensionsRequired"));
   EXPECT_EQ(lit.json["materials"][0],
             Json::parse(R"({"name": "paint", "extensions": {"MOZ_lightmap":
-                            {"index": 0, "texCoord": 1, "intensity": 50.0}}})"));
-  const Json& node = lit.json["nodes"][0]["extensions"]["MX_lightmap"];
-  EXPECT_EQ(node["lightMapTexture"], Json::parse(R"({"index": 0, "texCoord": 1})"));
-  EXPECT_DOUBLE_EQ(node["intensity"].get<double>() * 34.49, 50);  // an opaque RGBM texel
+                            {"index": 0, "texCoord": 1, "intensity": 50.0}},
+                            "extras": {"lightkiln": {"page": 0}}})"));
+  // MX_lightmap reads RGBM, which these pages are not.
+  EXPECT_FALSE(lit.json["nodes"][0].contains("extensions"));
   const Json& image = lit.json["images"][int(lit.json["textures"][0]["source"])];
-  EXPECT_EQ(lit.view(image["bufferView"]), lit_pages(1)[0].png);
-  EXPECT_EQ(lit.json["asset"]["extras"]["lightkiln"]["pages"],
-            Json::parse(R"([{"texture": 0, "scale": 50.0, "exposure": 0.5, "exr": "page.exr"}])"));
+  EXPECT_EQ(lit.view(image["bufferView"]), lit_pages(1).pages[0].png);
+  const Json& told = lit.json["asset"]["extras"]["lightkiln"];
+  EXPECT_EQ(told["pages"],
+            Json::parse(R"([{"texture": 0, "scale": 50.0, "clipped": 3, "clipped_lamps": 2,
+                             "exposure": 0.5, "exr": "page.exr"}])"));
+  EXPECT_EQ(told["encoding"], "srgb8");
 }
 
 TEST(LitDocument, EverythingElseIsKept) {
@@ -92,10 +66,9 @@ TEST(LitDocument, EverythingElseIsKept) {
   GlbReader lit = light(folder, g, Layout::kWhole);
   for (const char* same : {"extensions", "scenes", "scene", "animations", "cameras"})
     EXPECT_EQ(lit.json[same], g.json[same]) << same;
-  EXPECT_EQ(lit.json["extensionsUsed"], Json({"ACME_unknown", "MX_lightmap", "MOZ_lightmap"}));
+  EXPECT_EQ(lit.json["extensionsUsed"], Json({"ACME_unknown", "MOZ_lightmap"}));
   lit.json["asset"]["extras"].erase("lightkiln");
   EXPECT_EQ(lit.json["asset"], g.json["asset"]);
-  lit.json["nodes"][0]["extensions"].erase("MX_lightmap");
   EXPECT_EQ(lit.json["nodes"], g.json["nodes"]);
   EXPECT_EQ(lit.json["materials"][0]["extras"], 17);
   for (std::size_t i = 0; i < g.json["accessors"].size(); ++i)
@@ -233,37 +206,6 @@ TEST(LitDocument, SameBytesTwice) {
   light(a, g, Layout::kPerTriangle);
   light(b, g, Layout::kPerTriangle);
   EXPECT_EQ(test::read_bytes(a.path() / "lit.glb"), test::read_bytes(b.path() / "lit.glb"));
-}
-
-TEST(LitPage, WholeCodesAndTheMaximumAreExact) {
-  const image::PageImage page{2, 1, {{510, 20, 0}, {2, 510, -1}}, {1, 1}};
-  const auto lit = encode_lit_page(page);
-  ASSERT_TRUE(lit);
-  EXPECT_EQ(lit->scale, 510);
-  const std::vector<std::array<std::uint8_t, 3>> codes{{255, 10, 0}, {1, 255, 0}};
-  EXPECT_EQ(lit->png, *image::encode_png(codes, 2, 1));
-  const image::PageImage black{1, 1, {{}}, {1}};
-  EXPECT_EQ(encode_lit_page(black)->scale, 1);
-}
-
-TEST(LitPage, BetweenCodesTheMeanIsKept) {
-  constexpr std::uint32_t kSide = 16;
-  image::PageImage page{
-      kSide, kSide, std::vector<math::Rgb>(kSide * kSide, {0.3f, 1.5f, 0.8f}), {}};
-  page.rgb[0] = {255, 255, 255};  // code = lx
-  page.coverage.assign(page.rgb.size(), 1);
-  const auto lit = encode_lit_page(page);
-  ASSERT_TRUE(lit);
-  const auto image = decode_png(lit->png);
-  double sum[3] = {};
-  for (std::size_t i = 1; i < image.size(); ++i)
-    for (std::size_t c = 0; c < 3; ++c) {
-      EXPECT_LT(std::abs(image[i][c] - std::array{0.3, 1.5, 0.8}[c]), 1);
-      sum[c] += image[i][c];
-    }
-  // Even points in a 16 x 16 square miss a threshold by few: their discrepancy is about log(n)/n.
-  for (std::size_t c = 0; c < 3; ++c)
-    EXPECT_NEAR(sum[c] / (kSide * kSide - 1), (std::array{0.3, 1.5, 0.8}[c]), 0.04);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace {
 
 /// `name`.glb in the folder.
 void write_sample(const std::filesystem::path& folder, const std::string& name,
-                  const files::SceneFiles& files, proto::Unwrap unwrap) {
+                  const files::SceneFiles& files, proto::Unwrap unwrap, const LitPages& form = {}) {
   SCOPED_TRACE(name);
   const auto scene = import::import_scene(files, dark());
   ASSERT_TRUE(scene) << scene.error().message;
@@ -21,8 +21,9 @@ void write_sample(const std::filesystem::path& folder, const std::string& name,
   settings.unwrap = unwrap;
   const auto atlas = atlas::build_atlas(*scene, settings);
   ASSERT_TRUE(atlas) << atlas.error().message;
-  const auto written = lit::write_lit_glb(folder / (name + ".glb"), files, *scene, *atlas,
-                                          lit_pages(atlas->page_count));
+  LitPages pages = form;
+  pages.pages = lit_pages(atlas->page_count).pages;
+  const auto written = lit::write_lit_glb(folder / (name + ".glb"), files, *scene, *atlas, pages);
   EXPECT_TRUE(written) << written.error().message;
 }
 
@@ -49,6 +50,13 @@ TEST(LitSamples, Generated) {
     std::ofstream(files.main, std::ios::binary) << generate::generate_glb(name).value();
     write_sample(out, name + "_source_uv", files, proto::Unwrap::kAuto);
     write_sample(out, name + "_unwrapped", files, proto::Unwrap::kAlways);
+    LitPages form;
+    form.lightmap = proto::GlbLightmap::kRgbm;
+    form.keep_lights = true;
+    write_sample(out, name + "_rgbm", files, proto::Unwrap::kAuto, form);
+    form = {};
+    form.mode = proto::GlbMode::kUnlit;
+    write_sample(out, name + "_unlit", files, proto::Unwrap::kAuto, form);
   }
 }
 

@@ -68,25 +68,31 @@ inline proto::BakeSettings dark() {
 }
 
 /// 4 x 2 texels, so that pages are told apart by their scale.
-inline std::vector<LitPage> lit_pages(std::uint32_t pages) {
-  std::vector<LitPage> out;
+inline LitPages lit_pages(std::uint32_t pages) {
+  LitPages out;
   for (std::uint32_t p = 0; p < pages; ++p) {
     const std::vector<std::array<std::uint8_t, 3>> gray(8, {100, 100, 100});
-    out.push_back({image::encode_png(gray, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f});
+    out.pages.push_back(
+        {image::encode_png(gray, 4, 2).value(), 50.f * float(p + 1), "page.exr", 0.5f, 3, 2});
   }
   return out;
 }
 
-/// The scene of those files, laid out, lit and read back.
+/// The scene of those files, laid out, lit by those pages and read back.
 inline GlbReader light(const test::TempFolder& folder, const files::SceneFiles& files,
-                       Layout layout, std::uint32_t pages = 1) {
+                       Layout layout, const LitPages& lit) {
   const auto scene = import::import_scene(files, dark());
   if (!scene) throw std::runtime_error("import: " + scene.error().message);
   const auto path = folder.path() / "lit.glb";
-  const auto written =
-      lit::write_lit_glb(path, files, *scene, lay_out(*scene, layout, pages), lit_pages(pages));
+  const auto pages = std::uint32_t(lit.pages.size());
+  const auto written = lit::write_lit_glb(path, files, *scene, lay_out(*scene, layout, pages), lit);
   if (!written) throw std::runtime_error("lit.glb: " + written.error().message);
   return GlbReader(path);
+}
+
+inline GlbReader light(const test::TempFolder& folder, const files::SceneFiles& files,
+                       Layout layout, std::uint32_t pages = 1) {
+  return light(folder, files, layout, lit_pages(pages));
 }
 
 inline files::SceneFiles save(const test::TempFolder& folder, const GltfFile& gltf) {
@@ -97,6 +103,19 @@ inline files::SceneFiles save(const test::TempFolder& folder, const GltfFile& gl
 inline GlbReader light(const test::TempFolder& folder, const GltfFile& gltf, Layout layout,
                        std::uint32_t pages = 1) {
   return light(folder, save(folder, gltf), layout, pages);
+}
+
+/// Returns a triangle with normals, so that its vertices stay, and a material.
+inline GltfFile triangle() {
+  GltfFile g;
+  const int position = g.positions({0, 0, 0, 1, 0, 0, 0, 1, 0});
+  const int normal = g.floats({0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3", 3);
+  const int uv = g.floats({0, 0, 1, 0, 0, 1}, "VEC2", 2);
+  g.add("materials", {{"name", "paint"}});
+  g.mesh({{"attributes", {{"POSITION", position}, {"NORMAL", normal}, {"TEXCOORD_0", uv}}},
+          {"material", 0}});
+  g.node({{"mesh", 0}, {"name", "leaf"}});
+  return g;
 }
 
 }  // namespace kiln::output

@@ -9,6 +9,7 @@
 #include "baker/upload_reader.h"
 #include "proto/files.h"
 #include "proto/json.h"
+#include "tests/output/lit_light.h"
 #include "tests/output/lit_scene.h"
 
 namespace kiln::output {
@@ -52,7 +53,7 @@ struct Baked {
                                           std::vector<float>(light.size(), 9.f),
                                           std::vector<float>(light.size(), 16.f)};
     baker::InProcessReader source(files);
-    const LitWriter write_lit = [&](const auto& path, auto pages, std::stop_token until) {
+    const LitWriter write_lit = [&](const auto& path, const auto& pages, std::stop_token until) {
       return source.write_lit(path, scene, atlas, pages, std::move(until));
     };
     return write_outputs(out(), {write_lit, scene, atlas, texels, light, filtered, {}, made},
@@ -247,6 +248,49 @@ TEST(WriteOutputs, AToneCurveIsForPicturesAlone) {
   EXPECT_TRUE(same("page_00.normal.png"));
   for (const char* name : {"page_00.png", "page_00.direct.png", "page_00.emission.png"})
     EXPECT_FALSE(same(name)) << name;
+}
+
+TEST(WriteOutputs, TheManifestTellsWhatTheLitPageClips) {
+  Baked baked;
+  const std::uint32_t stray = 40;
+  baked.light.direct[stray] = {50'000, 1, 1};
+  ASSERT_TRUE(baked.write());
+  const proto::PageInfo& page = baked.manifest.pages[0];
+  EXPECT_EQ(page.max_lx, 50'000);
+  EXPECT_LT(page.glb_scale, 110);  // 100 + x, of all others
+  EXPECT_EQ(page.glb_clipped, 1u);
+  EXPECT_EQ(page.glb_clipped_lamps, 0u);
+  const GlbReader lit(baked.out() / "lit.glb");
+  const Json& told = lit.json["asset"]["extras"]["lightkiln"]["pages"][0];
+  EXPECT_EQ(told["scale"].get<float>(), page.glb_scale);
+  EXPECT_EQ(told["clipped"], 1);
+  EXPECT_EQ(told["exposure"].get<float>(), page.preview_exposure);
+}
+
+TEST(WriteOutputs, AnUnlitPageShowsReflectedAndOwnLight) {
+  Baked baked;
+  baked.settings.output.glb_mode = proto::GlbMode::kUnlit;
+  ASSERT_TRUE(baked.write());
+  EXPECT_EQ(baked.manifest.pages[0].glb_scale, 0);
+  const float exposure = baked.manifest.pages[0].preview_exposure;
+  const GlbReader lit(baked.out() / "lit.glb");
+  EXPECT_FLOAT_EQ(lit.json["asset"]["extras"]["lightkiln"]["pages"][0]["exposure"].get<float>(),
+                  exposure);
+  const Picture8 picture = page_picture(lit, 0);
+  const atlas::TextureGroup& texels = baked.texels;
+  for (std::uint32_t t = 0; t < texels.front_count; ++t) {
+    const auto& shown = picture.rgba[std::size_t(texels.y[t]) * picture.width + texels.x[t]];
+    const math::Rgb emitted = baked.scene.material_of(texels.triangle[t]).emission;
+    const double x =
+        double(exposure) * (double(texels.albedo[t].r) * double(baked.light.irradiance(t).r) +
+                            math::kPi * double(emitted.r));
+    const double white = x >= 4 ? 1 : x * (1 + x / 16) / (1 + x);
+    EXPECT_NEAR(
+        shown[0],
+        255 * (white <= 0.0031308 ? 12.92 * white : 1.055 * std::pow(white, 1 / 2.4) - 0.055), 0.51)
+        << t;
+    EXPECT_EQ(shown[3], 255);
+  }
 }
 
 TEST(WriteOutputs, APositionBeyondHalfIsWrittenAsFloat) {

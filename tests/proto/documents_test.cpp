@@ -132,7 +132,7 @@ Manifest some_manifest() {
   m.settings.solver.samples = 7;
   m.settings.lights.emplace_back().type = LightType::kRect;
   m.settings.lights.back().width = 0.1f;
-  m.pages.push_back({512, 256, 1000, "page_00.exr", "page_00.png", 0.1f, 1234.5f});
+  m.pages.push_back({512, 256, 1000, "page_00.exr", "page_00.png", 0.1f, 1234.5f, 99.5f, 7, 4});
   m.nodes.push_back({3, 2, "wall \"a\"", 0, {0.5f, 0.25f}, {0.1f, 0}, "unwrapped", "overlap"});
   m.files.push_back({"page_00.exr", "image/x-exr", 1ull << 33, std::string(64, 'c')});
   m.statistics.triangles = 12;
@@ -152,9 +152,17 @@ TEST(ManifestJson, RoundTrip) {
   const json doc = to_json(some_manifest());
   EXPECT_EQ(doc["pages"][0]["preview_exposure"].dump(), "0.1");
   EXPECT_EQ(doc["units"]["texel"], "lx");
+  EXPECT_EQ(doc["pages"][0]["glb_clipped"], 7);
   const auto read = manifest_from_json(json::parse(doc.dump()));
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(to_json(*read), doc);
+  json before = doc;  // of a version without pages' own scales in lit.glb
+  for (const char* later : {"glb_scale", "glb_clipped", "glb_clipped_lamps"})
+    before["pages"][0].erase(later);
+  const auto old = manifest_from_json(before);
+  ASSERT_TRUE(old) << old.error().message;
+  EXPECT_EQ(old->pages[0].glb_scale, 0);
+  EXPECT_EQ(old->pages[0].max_lx, 1234.5f);
   EXPECT_EQ(read->statistics.rays, 1ull << 60);
   EXPECT_EQ(read->nodes[0].scale, (std::array<float, 2>{0.5f, 0.25f}));
 }

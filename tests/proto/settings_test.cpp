@@ -65,7 +65,8 @@ TEST(Settings, EveryMemberSurvivesARoundTrip) {
     "allow_dark": true,
     "post": {"filter": false, "dilate": 0},
     "output": {"precision": "float", "layers": ["indirect", "direct"], "formats": ["glb"],
-               "exposure": 0.0125, "tone_curve": null, "preview_fade": 0.25},
+               "exposure": 0.0125, "tone_curve": null, "preview_fade": 0.25,
+               "glb_lightmap": "rgbm", "glb_mode": "lightmap", "keep_lights": true},
     "report": {"against": "refs/page_00.exr", "samples": 12, "error_scale": 2.5}})";
   const auto settings = parse_settings(text);
   ASSERT_TRUE(settings) << settings.error().message;
@@ -185,6 +186,20 @@ TEST(Settings, AToneCurveAndAnExposureExcludeEachOther) {
   EXPECT_TRUE(parse_settings(R"({"output": {"tone_curve": 0.05, "exposure": null}})"));
   EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": 0}})"), "/output/tone_curve");
   EXPECT_EQ(pointer_of(R"({"output": {"tone_curve": true}})"), "/output/tone_curve");
+}
+
+TEST(Settings, UnlitColorsArePlainSrgb) {
+  EXPECT_EQ(parse_settings("{}")->output.glb_lightmap, GlbLightmap::kSrgb8);
+  EXPECT_EQ(parse_settings(R"({"output": {"glb_lightmap": "none"}})")->output.glb_lightmap,
+            GlbLightmap::kNone);
+  EXPECT_EQ(parse_settings(R"({"output": {"glb_mode": "unlit"}})")->output.glb_mode,
+            GlbMode::kUnlit);
+  for (const char* form : {"rgbm", "none"})
+    EXPECT_EQ(pointer_of(R"({"output": {"glb_mode": "unlit", "glb_lightmap": ")" +
+                         std::string(form) + "\"}}"),
+              "/output/glb_lightmap");
+  EXPECT_TRUE(parse_settings(
+      R"({"output": {"glb_mode": "unlit", "keep_lights": true, "formats": ["exr"]}})"));
 }
 
 TEST(Settings, PreviewsGoSomeOfTheWay) {

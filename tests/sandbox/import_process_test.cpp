@@ -17,7 +17,13 @@ namespace kiln::test {
 namespace {
 
 TEST(ImportProcess, BakesTheSameBits) {
-  for (const char* name : {"cornell", "room_textured"}) {
+  for (const char* name : {"cornell", "courtyard"}) {
+    // The settings of lit.glb reach the other process as well.
+    proto::OutputSettings output;
+    if (std::string(name) == "courtyard") {
+      output.glb_lightmap = proto::GlbLightmap::kRgbm;
+      output.keep_lights = true;
+    }
     const Scene scene(generate::generate_glb(name).value());
     std::vector<std::string> exr, lit;
     Isolated isolated;
@@ -25,7 +31,8 @@ TEST(ImportProcess, BakesTheSameBits) {
       const TempFolder out;
       const auto manifest = bake_small(
           scene.files, out,
-          in_process ? nullptr : sandbox::Importer(isolated.options).open(scene.files, "key", {}));
+          in_process ? nullptr : sandbox::Importer(isolated.options).open(scene.files, "key", {}),
+          {}, output);
       ASSERT_TRUE(manifest) << manifest.error().message;
       exr.push_back(read_bytes(out.path() / "page_00.exr"));
       lit.push_back(read_bytes(out.path() / "lit.glb"));
@@ -34,6 +41,8 @@ TEST(ImportProcess, BakesTheSameBits) {
     EXPECT_GT(exr[0].size(), 1000u);
     EXPECT_TRUE(exr[0] == exr[1]) << name;
     EXPECT_TRUE(lit[0] == lit[1]) << name;
+    for (const char* held : {"MX_lightmap", "KHR_lights_punctual"})
+      EXPECT_EQ(lit[1].find(held) != std::string::npos, std::string(name) == "courtyard");
   }
 }
 

@@ -87,8 +87,10 @@ inline fs::path script(const TempFolder& folder, const std::string& lines) {
 inline proto::Expected<proto::Manifest> bake_small(const files::SceneFiles& files,
                                                    const TempFolder& out,
                                                    std::shared_ptr<baker::UploadReader> source = {},
-                                                   std::optional<std::string> sky_map = {}) {
+                                                   std::optional<std::string> sky_map = {},
+                                                   const proto::OutputSettings& output = {}) {
   baker::BakeInput input;
+  input.settings.output = output;
   input.files = files;
   input.output_dir = out.path();
   input.source = std::move(source);

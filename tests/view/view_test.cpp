@@ -233,6 +233,20 @@ TEST(View, WrongRequestsSayWhatIsWrong) {
       "bad_request", "/query/camera", [](Request& r) { r.camera = "1,2:3,4,5"; }, "x,y,z");
 }
 
+TEST(View, UnlitMaterialsCannotBeShaded) {
+  const scene::Scene scene = test::SceneBuilder().part(unit_square()).build();
+  BakedFolder baked("irradiance", {plain_page({0, 0, 1})});
+  baked.nodes({0});
+  baked.manifest.settings.output.glb_mode = proto::GlbMode::kUnlit;
+  Request request = square_request("irradiance");
+  EXPECT_TRUE(baked.draw(scene, request));
+  request.shaded = true;
+  const auto picture = baked.draw(scene, request);
+  ASSERT_FALSE(picture);
+  EXPECT_EQ(picture.error().code, "bad_request");
+  EXPECT_EQ(picture.error().details.at(0).pointer, "/query/shaded");
+}
+
 TEST(View, SizesAreTwoNumbers) {
   const auto size = parse_size("640x480");
   ASSERT_TRUE(size);

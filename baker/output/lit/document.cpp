@@ -90,6 +90,13 @@ Json& extensions_of(Json& object) {
   return extensions;
 }
 
+void drop_extension(Json& object, const char* name) {
+  const auto extensions = object.find("extensions");
+  if (extensions == object.end() || !extensions->is_object()) return;
+  extensions->erase(name);
+  if (extensions->empty()) object.erase("extensions");
+}
+
 std::optional<std::string> LitDocument::image_bytes(const std::string& uri) const {
   if (gltf::is_data_uri(uri)) {
     auto data = gltf::decode_data_uri(uri, "");

@@ -58,5 +58,7 @@ class LitDocument {
 
 /// Returns object["extensions"], made where there are none.
 Json& extensions_of(Json& object);
+/// Takes an extension off an object, and `extensions` with the last one.
+void drop_extension(Json& object, const char* name);
 
 }  // namespace kiln::output::lit

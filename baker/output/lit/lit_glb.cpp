@@ -7,6 +7,7 @@
 
 #include "baker/output/lit/document.h"
 #include "baker/output/lit/geometry.h"
+#include "baker/output/lit/lights.h"
 #include "baker/output/lit/materials.h"
 #include "proto/files.h"
 
@@ -21,13 +22,6 @@ constexpr int kTriangles = 4;
 /// These extensions of a primitive refer to its source's indices or order of triangles.
 constexpr const char* kOrderExtensions[] = {"FB_ngon_encoding", "CESIUM_primitive_outline"};
 constexpr const char* kDraco = "KHR_draco_mesh_compression";
-
-void drop_extension(Json& object, const char* name) {
-  const auto extensions = object.find("extensions");
-  if (extensions == object.end() || !extensions->is_object()) return;
-  extensions->erase(name);
-  if (extensions->empty()) object.erase("extensions");
-}
 
 /// Calls visit(Json& index) for the primitive's material and those of KHR_materials_variants.
 template <class Visit>
@@ -57,13 +51,13 @@ void rename(Json& attributes, const char* from, const std::string& to) {
 class LitScene {
  public:
   LitScene(LitDocument& document, const scene::Scene& scene, const atlas::Atlas& atlas,
-           std::span<const LitPage> pages)
+           const LitPages& light)
       : document_(document),
         scene_(scene),
         atlas_(atlas),
         meshes_(document.json().value("meshes", Json::array())),
         writer_(document),
-        materials_(document, pages, materials_without_light()) {}
+        materials_(document, light, materials_without_light()) {}
 
   proto::Expected<void> build() {
     std::set<std::uint64_t> in_place = meshes_of_instances_only();
@@ -77,7 +71,7 @@ class LitScene {
         document_.json()["meshes"][instance.mesh] = std::move(*mesh);
       else
         node["mesh"] = document_.add("meshes", std::move(*mesh));
-      extensions_of(node)["MX_lightmap"] = materials_.node_extension(atlas_.placements[i].page);
+      materials_.mark_node(node, atlas_.placements[i].page);
     }
     describe_pages();
     return {};
@@ -88,8 +82,9 @@ class LitScene {
   void describe_pages() {
     Json& asset = document_.json()["asset"];
     if (asset.contains("extras") && !asset["extras"].is_object()) return;
-    asset["extras"]["lightkiln"] = {{"version", LIGHTKILN_VERSION},
-                                    {"pages", materials_.describe_pages()}};
+    Json described = materials_.describe();
+    described["version"] = LIGHTKILN_VERSION;
+    asset["extras"]["lightkiln"] = std::move(described);
   }
 
   bool is_lit(std::uint32_t instance, std::size_t primitive) const {
@@ -193,6 +188,7 @@ class LitScene {
     }
     // Sets are numbered without gaps: a first one that nothing reads.
     Json& attributes = primitive["attributes"];
+    if (materials_.hold_albedo()) drop_colors(primitive);
     const Json lightmap_uv = attributes.at("TEXCOORD_1");
     if (!attributes.contains("TEXCOORD_0")) attributes["TEXCOORD_0"] = lightmap_uv;
     if (!primitive.contains("material"))
@@ -201,6 +197,17 @@ class LitScene {
       for_materials(primitive,
                     [&](Json& m) { m = materials_.variant(as_count(m), piece.page, set); });
     return {};
+  }
+
+  /// Takes the vertex colors off, which would multiply what the page has of them already.
+  static void drop_colors(Json& primitive) {
+    const auto drop = [](Json& attributes) {
+      for (std::uint32_t set = 0; attributes.erase("COLOR_" + std::to_string(set)) != 0; ++set) {
+      }
+    };
+    drop(primitive["attributes"]);
+    if (primitive.contains("targets"))
+      for (Json& target : primitive["targets"]) drop(target);
   }
 
   /// Makes room for the lightmap. Returns the set that the source's TEXCOORD_1 moved to, or 1 where
@@ -258,7 +265,7 @@ bool uses_draco(const Json& document) {
   return false;
 }
 
-void list_extensions(Json& document) {
+void list_extensions(Json& document, const std::vector<const char*>& added) {
   Json& used = document["extensionsUsed"];
   if (!used.is_array()) used = Json::array();
   const bool draco = uses_draco(document);
@@ -269,9 +276,10 @@ void list_extensions(Json& document) {
     return kept;
   };
   Json kept = without_draco(used);
-  for (const char* name : {"MX_lightmap", "MOZ_lightmap"})
+  for (const char* name : added)
     if (std::find(kept.begin(), kept.end(), name) == kept.end()) kept.push_back(name);
   used = std::move(kept);
+  if (used.empty()) document.erase("extensionsUsed");  // an empty list is not valid
   const auto required = document.find("extensionsRequired");
   if (required == document.end() || !required->is_array()) return;
   *required = without_draco(*required);
@@ -282,18 +290,18 @@ void list_extensions(Json& document) {
 
 proto::Expected<void> write_lit_glb(int fd, const files::SceneFiles& files,
                                     const scene::Scene& scene, const atlas::Atlas& atlas,
-                                    std::span<const LitPage> pages,
-                                    const files::ImportLimits& limits) {
+                                    const LitPages& light, const files::ImportLimits& limits) {
   auto document = LitDocument::open(files, limits);
   if (!document) return Unexpected(document.error());
-  if (auto ok = LitScene(**document, scene, atlas, pages).build(); !ok) return ok;
-  list_extensions((*document)->json());
+  if (auto ok = LitScene(**document, scene, atlas, light).build(); !ok) return ok;
+  if (!light.keep_lights) drop_baked_lights((*document)->json());
+  list_extensions((*document)->json(), LitMaterials::extensions(light));
   return (*document)->write(fd);
 }
 
 proto::Expected<void> write_lit_glb(const std::filesystem::path& path,
                                     const files::SceneFiles& files, const scene::Scene& scene,
-                                    const atlas::Atlas& atlas, std::span<const LitPage> pages,
+                                    const atlas::Atlas& atlas, const LitPages& pages,
                                     const files::ImportLimits& limits) {
   const proto::Fd file(::open(path.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0666));
   if (!file.valid()) return proto::storage_error("create", path);
