@@ -232,7 +232,8 @@ TEST(ViewFactor, FactorsOfTheSettings) {
   for (const proto::Method method : kMethods) {
     proto::SolverSettings s = settings_for(method);
     s.reflectivity_factor = 0;
-    for (const math::Rgb& e : box->solve(s).light->indirect) ASSERT_TRUE(is_black(e));
+    const Solution black = box->solve(s);
+    for (const math::Rgb& e : black.light->indirect) ASSERT_TRUE(is_black(e));
   }
   proto::SolverSettings s = settings_for(proto::Method::kPairwise);
   s.bounces = 1;
