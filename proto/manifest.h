@@ -26,8 +26,8 @@ struct PageInfo {
   float max_lx = 0;
   /// The irradiance that the page inside lit.glb holds at most, lx; 0: it holds no lightmap page.
   float glb_scale = 0;
-  /// Lit texels that are brighter and so are clipped there, and among them those of lamps, which
-  /// shine by themselves.
+  /// Lit texels that are brighter and so are clipped there, and among them those of lamps, and
+  /// behind lamps, where nobody sees what lights them.
   std::uint32_t glb_clipped = 0, glb_clipped_lamps = 0;
 };
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <functional>
 
 #include "baker/image/image.h"
 
@@ -20,6 +21,8 @@ Pixel channels(math::Rgb v) {
 
 /// One lit texel in so many may be clipped.
 constexpr std::size_t kOneInMany = 1000;
+/// An error that nobody minds, over the mean. Dithering adds up to a tenth to what is computed.
+constexpr double kFineError = 0.009;
 
 /// Sorts positive floats into classes, 16 to an octave.
 constexpr std::uint32_t kClassBits = 19;
@@ -35,11 +38,19 @@ float middle_of(std::uint32_t kind) {
 struct Range {
   std::vector<float> brightest;                  ///< of each texel its largest channel
   std::array<std::uint32_t, kClasses> counts{};  ///< of its channels
+  double sum = 0;                                ///< of its channels
 
   void add(math::Rgb v) {
     brightest.push_back(max_channel(v));
     for (const float c : channels(v))
-      if (c > 0) ++counts[class_of(c)];
+      if (c > 0) ++counts[class_of(c)], sum += double(c);
+  }
+  std::size_t most_clipped() const { return brightest.size() / kOneInMany; }
+  /// Brings those that may be clipped to the front, and the next one, the brightest first.
+  void sort_top() {
+    const auto last = brightest.begin() + std::ptrdiff_t(most_clipped());
+    std::nth_element(brightest.begin(), last, brightest.end(), std::greater<>());
+    std::sort(brightest.begin(), last + 1, std::greater<>());
   }
   bool is_dark() const {
     return std::ranges::none_of(brightest, [](float v) { return v > 0; });
@@ -65,6 +76,29 @@ double code_error(const Range& range, float scale) {
     sum += range.counts[kind] * step * step / 12;
   }
   return sum;
+}
+
+struct Choice {
+  float scale = 1;
+  double error = 0;  ///< sum of squares over all channels
+};
+
+/// Returns the scale with the least error.
+Choice least_error(const Range& range) {
+  const std::vector<float>& values = range.brightest;
+  Choice best{values[0], code_error(range, values[0])};
+  for (std::size_t clipped = 0; clipped < range.most_clipped();) {
+    clipped = std::min(clipped + 1 + clipped / 8, range.most_clipped());
+    const float scale = values[clipped];
+    if (!(scale > 0)) break;
+    double error = code_error(range, scale);
+    for (std::size_t i = 0; i < clipped; ++i) {
+      const double lost = double(values[i] - scale);
+      error += 3 * lost * lost;
+    }
+    if (error < best.error) best = {scale, error};
+  }
+  return best;
 }
 
 // Codes -------------------------------------------------------------------------------------------
@@ -159,30 +193,12 @@ float lit_scale(const image::PageImage& image, const std::vector<bool>& lamps) {
   Range range = range_of(image, lamps, false);
   if (range.is_dark()) range = range_of(image, lamps, true);
   if (range.is_dark()) return 1;
-
-  std::vector<float>& values = range.brightest;
-  const std::size_t count = values.size(), most_clipped = count / kOneInMany;
-  const auto end_of_top = values.begin() + std::ptrdiff_t(most_clipped);
-  std::nth_element(values.begin(), end_of_top, values.end(), std::greater<>());
-  std::sort(values.begin(), end_of_top + 1, std::greater<>());
-  double mean = 0;
-  for (std::size_t i = most_clipped; i < count; ++i) mean += double(values[i]);
-  mean /= double(count - most_clipped);
-
-  float best = values[0];
-  double least = code_error(range, best);
-  for (std::size_t clipped = 0; clipped < most_clipped;) {
-    clipped = std::min(clipped + 1 + clipped / 8, most_clipped);
-    const float scale = values[clipped];
-    if (!(scale > 0)) break;
-    double error = code_error(range, scale);
-    for (std::size_t i = 0; i < clipped; ++i) {
-      const double lost = std::min(double(values[i] - scale), mean);
-      error += 3 * lost * lost;
-    }
-    if (error < least) least = error, best = scale;
-  }
-  return best;
+  range.sort_top();
+  const Choice best = least_error(range);
+  const double values = 3 * double(range.brightest.size());
+  const double allowed = kFineError * range.sum / values;
+  const float percentile = range.brightest[range.most_clipped()];
+  return best.error <= values * allowed * allowed || !(percentile > 0) ? best.scale : percentile;
 }
 
 proto::Expected<LitPage> encode_lit_page(const image::PageImage& image,

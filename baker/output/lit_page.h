@@ -13,10 +13,10 @@ inline constexpr float kRgbmRange = 34.49f, kRgbmPower = 2.2f;
 /// Returns the irradiance that an sRGB-coded page holds at most: that of the brightest lit texel
 /// which is no lamp, or a lower one if that loses less light. A lower scale makes finer codes and
 /// clips what is brighter. Of all scales that clip no more than one texel in a thousand this one
-/// has the least mean square error of all texels together; the error of a clipped texel counts up
-/// to the mean of the page, so that a stray bright texel does not coarsen all others. `lamps` are
-/// texels that shine by themselves, which hides what lights them: they count only where nothing
-/// else is lit. 1 for a black page.
+/// has the least mean square error of all texels together. Where that error is more than 0.9 % of
+/// the mean, it is the brightness that one texel in a thousand exceeds, so that a few do not
+/// coarsen the codes of all others. `lamps` are texels whose light nobody sees (hidden_by_lamps()):
+/// they count only where nothing else is lit. 1 for a black page.
 float lit_scale(const image::PageImage&, const std::vector<bool>& lamps);
 
 /// Encodes a page as lit.glb embeds it, with scale, png and what is clipped. Negative values become

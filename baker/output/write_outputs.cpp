@@ -5,6 +5,7 @@
 
 #include "baker/exec/memory.h"
 #include "baker/exec/stop.h"
+#include "baker/output/lamps.h"
 #include "baker/output/layers.h"
 #include "baker/output/lit_page.h"
 #include "baker/output/output.h"
@@ -85,6 +86,12 @@ class Writer {
     lit_.lightmap = output.glb_lightmap;
     lit_.mode = output.glb_mode;
     lit_.keep_lights = output.keep_lights;
+    const bool srgb = lit_.lightmap == proto::GlbLightmap::kSrgb8 && !shows_unlit();
+    if (srgb && contains(output.formats, "glb") && scene_emits()) {
+      auto hidden = hidden_by_lamps(in_.texels, irradiance_, emission_, stop_);
+      if (!hidden) return Unexpected(hidden.error());
+      hidden_ = std::move(*hidden);
+    }
     if (!shows_unlit()) return {};
     if (output.exposure) {
       unlit_exposure_ = *output.exposure;
@@ -319,18 +326,14 @@ class Writer {
     return {};
   }
 
-  /// Returns for each texel of the page whether it sends more light of its own than it could
-  /// reflect.
+  /// Returns for each texel square of the page whether a lamp hides what lights it.
   std::vector<bool> lamps_of(std::uint32_t p) const {
     std::vector<bool> lamps;
-    if (!scene_emits()) return lamps;
+    if (hidden_.empty()) return lamps;
     const auto& texel_at = in_.texels.pages[p].texel_at;
     lamps.resize(texel_at.size());
-    for (std::size_t i = 0; i < texel_at.size(); ++i) {
-      if (texel_at[i] < 0) continue;
-      const auto t = std::uint32_t(texel_at[i]);
-      lamps[i] = math::kPi * max_channel(emission_(t)) > max_channel(irradiance_(t));
-    }
+    for (std::size_t i = 0; i < texel_at.size(); ++i)
+      lamps[i] = texel_at[i] >= 0 && hidden_[std::size_t(texel_at[i])];
     return lamps;
   }
 
@@ -435,6 +438,7 @@ class Writer {
   std::vector<PageLayer> layers_;
   TexelValue irradiance_;  ///< as a page shows it, whatever its layers are
   TexelValue emission_;
+  std::vector<bool> hidden_;  ///< by texel, whether a lamp hides its light; empty: none
   LitPages lit_;
   float unlit_exposure_ = 1;
 };
