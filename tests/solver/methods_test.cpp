@@ -40,7 +40,7 @@ TEST(Methods, WhatCantFinishIsRefusedWithItsCost) {
   EXPECT_EQ(refusal(kPage128), "");
   EXPECT_EQ(refusal(kPage2048),
             "pairwise would trace about 4.4e+13 rays between 4194304 texels in 10 bounces: about "
-            "1.2e+03 hours at 10 million rays a second, and 0.34 GiB of memory. Use solver.method "
+            "1.2e+03 hours at 10 million rays a second, and 0.69 GiB of memory. Use solver.method "
             "\"gather\", or solver.undersampling with a solver.window of 7, or make the side of "
             "atlas.page_size 0.39 times as long, or less, or set solver.allow_expensive.");
   s.window = 7;

@@ -446,7 +446,8 @@ TEST(PairwiseMatrix, IsTheLimitOfTheBounces) {
   const auto box = cornell(64);
   for (const std::uint32_t samples : {1u, 4u}) {
     proto::SolverSettings s = settings_for(proto::Method::kPairwise, samples);
-    s.bounces = 48;  // each brings some two thirds of the one before
+    s.bounces = 48;                              // each brings some two thirds of the one before
+    s.visibility = proto::VisibilityKind::kRay;  // rays are counted
     s.tolerance = 0;
     const Solution bounced = box->solve(s);
     EXPECT_GE(bounced.passes.size(), 40u) << "they end sooner only where no bit changes any more";

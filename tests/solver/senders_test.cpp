@@ -26,6 +26,7 @@ proto::SolverSettings plain_settings() {
   s.method = proto::Method::kPairwise;
   s.direct_samples = 64;
   s.window = 1;
+  s.visibility = proto::VisibilityKind::kRay;  // rays are counted
   return s;
 }
 proto::SolverSettings windows_of(Undersampling kind, std::uint32_t window,
