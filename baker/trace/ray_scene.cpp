@@ -55,7 +55,7 @@ void load_rays(const RayPacket& in, RTCRay16& out) {
 std::uint32_t blocked_lanes(const RTCRay16& query, const std::int32_t (&valid)[16]) {
   std::uint32_t blocked = 0;
   for (std::uint32_t i = 0; i < 16; ++i)
-    blocked |= (std::uint32_t(query.tfar[i] < 0) & std::uint32_t(valid[i])) << i;
+    if (valid[i] != 0 && query.tfar[i] < 0) blocked |= 1u << i;
   return blocked;
 }
 
