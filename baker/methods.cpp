@@ -31,6 +31,8 @@ constexpr double kBouncedPlanes = 28, kRadiosity = 16;
 
 /// A bake over pairs of texels that needs more than this is refused as too expensive.
 constexpr double kMostPairRays = 1e12, kMostMatrixTexels = 8192;
+/// The largest `solver.window` [settings_table.cpp].
+constexpr double kMostWindow = 256;
 /// The rate that a refusal assumes, for its figure in hours: the same on every machine.
 constexpr double kRaysPerSecond = 1e7;
 
@@ -105,52 +107,61 @@ MethodMemory links_memory(const proto::SolverSettings& settings, const solver::S
   return memory;
 }
 
+/// Returns two digits of a number, as "0.34", "1200" or "4.4e+13".
 std::string rounded(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.2g", value);
+  if (value >= 100 && value < 1e6) {
+    const double unit = std::pow(10, std::floor(std::log10(value)) - 1);
+    std::snprintf(text, sizeof text, "%.0f", std::round(value / unit) * unit);
+  } else {
+    std::snprintf(text, sizeof text, "%.2g", value);
+  }
   return text;
+}
+std::string count(double value) {
+  return std::to_string(std::uint64_t(value));
 }
 std::string gib(double bytes) {
   return rounded(bytes / double(1u << 30)) + " GiB";
 }
-proto::Unexpected too_expensive(const std::string& cost, const std::string& advice) {
-  return proto::fail(
-      "too_expensive",
-      cost + " Use solver.method \"gather\", " + advice + ", or set solver.allow_expensive.",
-      "settings", "/solver/method");
+std::string hours(double rays) {
+  return rounded(rays / kRaysPerSecond / 3600) + " hours at 10 million rays a second";
 }
 
-proto::Expected<void> check_pairwise(const proto::SolverSettings& settings, double texels) {
+std::optional<TooExpensive> pairwise_cost(const proto::SolverSettings& settings, double texels) {
   using namespace solver::pairwise;
   const double bounces = std::min(solver::bounce_limit(settings), kTypicalBounces);
   const bool has_windows = settings.undersampling != proto::Undersampling::kNone;
-  const std::uint32_t window = has_windows ? settings.window.value_or(1) : 1;
+  const std::uint32_t window = has_windows ? settings.window.value_or(2) : 1;
   const double rays = bake_rays(settings, texels, window, bounces);
-  if (rays <= kMostPairRays || settings.allow_expensive) return {};
+  if (rays <= kMostPairRays) return std::nullopt;
+  TooExpensive found;
+  const bool has_leaves = settings.subdivision_threshold.has_value();
+  found.cost =
+      "pairwise would trace " + std::string(has_leaves ? "up to " : "") + "about " + rounded(rays) +
+      " rays between " + count(texels) + " texels in " + count(bounces) +
+      (bounces == 1 ? " bounce" : " bounces") + ": about " + hours(rays) + ", and " +
+      gib(texels * pairwise_memory_per_texel(settings) + pairwise_extra_memory(settings, texels)) +
+      " of memory.";
   // Texels go with the square of the page's side, and rays with the square of texels, or with the
   // texels over the square of the window's side.
   const double finer = std::sqrt(std::sqrt(kMostPairRays / rays));
   const double wider = std::ceil(window * std::sqrt(rays / kMostPairRays));
-  return too_expensive(
-      "pairwise would trace about " + rounded(rays) + " rays between " +
-          std::to_string(std::uint64_t(texels)) + " texels in " + rounded(bounces) +
-          " bounces: about " + rounded(rays / kRaysPerSecond / 3600) +
-          " hours at 10 million rays a second, and " +
-          gib(texels * pairwise_memory_per_texel(settings) +
-              pairwise_extra_memory(settings, texels)) +
-          " of memory.",
-      "or solver.undersampling with a solver.window of " + std::to_string(std::uint64_t(wider)) +
-          ", or make the side of atlas.page_size " + rounded(finer) + " times as long, or less");
+  if (!has_leaves && wider <= kMostWindow)
+    found.advice = "solver.undersampling with a solver.window of " + count(wider) + ", or ";
+  found.advice += "make the side of atlas.page_size " + rounded(finer) + " times as long, or less";
+  return found;
 }
 
-proto::Expected<void> check_matrix(const proto::SolverSettings& settings, double texels) {
-  if (texels <= kMostMatrixTexels || settings.allow_expensive) return {};
-  return too_expensive("matrix would keep the view factors of all pairs of " +
-                           std::to_string(std::uint64_t(texels)) + " texels, which take " +
-                           gib(solver::pairwise::matrix_memory(texels, settings)) +
-                           " of memory, and takes up to " + std::to_string(int(kMostMatrixTexels)) +
-                           " texels.",
-                       "or a smaller atlas.page_size");
+std::optional<TooExpensive> matrix_cost(const proto::SolverSettings& settings, double texels) {
+  if (texels <= kMostMatrixTexels) return std::nullopt;
+  const double rays = solver::pairwise::kFacingShare * texels * texels * settings.pair_samples;
+  return TooExpensive{"matrix would keep the view factors of all pairs of " + count(texels) +
+                          " texels, which take " +
+                          gib(solver::pairwise::matrix_memory(texels, settings)) +
+                          " of memory and about " + rounded(rays) + " rays, " + hours(rays) +
+                          ". It takes up to " + count(kMostMatrixTexels) + " texels.",
+                      "a smaller atlas.page_size"};
 }
 
 std::unique_ptr<solver::Solver> make_gather(const solver::World& world) {
@@ -164,9 +175,9 @@ constexpr std::array kMethods{
     Method{proto::Method::kPath, solver::path::make_path_solver, solver::fixed_plan,
            /*adaptive=*/false, /*filtered=*/false, path_memory},
     Method{proto::Method::kPairwise, solver::pairwise::make_pairwise_solver, solver::fixed_plan,
-           /*adaptive=*/false, /*filtered=*/false, pairwise_memory, check_pairwise},
+           /*adaptive=*/false, /*filtered=*/false, pairwise_memory, pairwise_cost},
     Method{proto::Method::kMatrix, solver::pairwise::make_matrix_solver, solver::fixed_plan,
-           /*adaptive=*/false, /*filtered=*/false, matrix_memory, check_matrix},
+           /*adaptive=*/false, /*filtered=*/false, matrix_memory, matrix_cost},
     Method{proto::Method::kRadiosityMap, solver::radiosity_map::make_radiosity_map_solver,
            solver::iterated_plan, /*adaptive=*/false, /*filtered=*/false, radiosity_map_memory},
     Method{proto::Method::kDirectional, solver::directional::make_directional_solver,
@@ -189,9 +200,20 @@ const Method& method_of(proto::Method id) {
   return kMethods[std::size_t(id)];
 }
 
-proto::Expected<void> check_cost(const proto::SolverSettings& settings, std::uint32_t texels) {
+std::optional<TooExpensive> too_expensive(const proto::SolverSettings& settings,
+                                          std::uint32_t texels) {
   const Method& method = method_of(settings.method);
-  return method.check ? method.check(settings, double(texels)) : proto::Expected<void>();
+  if (!method.cost || settings.allow_expensive) return std::nullopt;
+  return method.cost(settings, double(texels));
+}
+
+proto::Expected<void> check_cost(const proto::SolverSettings& settings, std::uint32_t texels) {
+  const auto found = too_expensive(settings, texels);
+  if (!found) return {};
+  return proto::fail("too_expensive",
+                     found->cost + " Use solver.method \"gather\", or " + found->advice +
+                         ", or set solver.allow_expensive.",
+                     "settings", "/solver/method");
 }
 
 std::unique_ptr<solver::Solver> make_solver(const solver::World& world) {

@@ -73,8 +73,10 @@ Expected<ReferenceBake> ReferenceBake::check(const BakeInput& input, const Prepa
   const proto::BakeSettings& settings = input.settings;
   if (const auto method = settings.report.method()) {
     const proto::SolverSettings solver = reference_settings(settings, *method);
-    if (auto ok = check_cost(solver, bake.texels->size()); !ok)
-      return fail("too_expensive", "The report's reference: " + ok.error().message);
+    if (const auto found = too_expensive(solver, bake.texels->size()))
+      return fail("too_expensive", "The report's reference: " + found->cost +
+                                       " Use report.against \"path\", or a smaller "
+                                       "atlas.page_size, or set solver.allow_expensive.");
     const bool many_lights = solver::direct::DirectLight::are_many(*bake.lights);
     auto world = std::make_shared<solver::World>(*bake.world);
     world->settings = solver;

@@ -287,7 +287,7 @@ const std::vector<SettingRow<BakeSettings>>& setting_rows() {
            .unit = "texels",
            .description = "Texels of one chart that lie less than this apart, in x and in y, exchange no "
                           "light. 1: all exchange light. null: page_size / 128, at "
-                          "least 1.",
+                          "least 1, or 2 where undersampling takes a sender for each window.",
            .methods = kPairs,
            .layers = {"mip", "senders"}}),
       row<[](auto& s) -> auto& { return s.solver.undersampling; }>(

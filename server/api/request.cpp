@@ -44,6 +44,20 @@ proto::Expected<std::optional<std::uint64_t>> query_number(const http::Request& 
                      "request", std::string("/query/") + name);
 }
 
+proto::Expected<void> only_query(const http::Request& request,
+                                 std::initializer_list<std::string_view> names) {
+  for (const auto& [name, value] : request.head.query) {
+    if (std::ranges::find(names, name) != names.end()) continue;
+    std::string known;
+    for (const std::string_view one : names)
+      known.append(known.empty() ? "`" : ", `").append(one).append("`");
+    return proto::fail("bad_request",
+                       "There is no query parameter `" + name + "` here; there are " + known + ".",
+                       "request", "/query/" + name);
+  }
+  return {};
+}
+
 proto::Expected<std::optional<std::uint64_t>> header_number(const http::Request& request,
                                                             const char* name) {
   const std::string* text = request.head.header(name);

@@ -2,10 +2,12 @@
 
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <semaphore>
 #include <string>
+#include <string_view>
 
 #include "proto/expected.h"
 #include "server/api/upload.h"
@@ -21,6 +23,9 @@ inline constexpr std::uint32_t kMaxWaitSeconds = 60;
 /// the parameter's name.
 proto::Expected<std::optional<std::uint64_t>> query_number(const http::Request&, const char* name,
                                                            std::uint64_t max);
+/// Refuses parameters that are not among these: a slip would be left out in silence. Errors:
+/// `bad_request`, with the parameter's name.
+proto::Expected<void> only_query(const http::Request&, std::initializer_list<std::string_view>);
 /// Reads a whole number from a header, likewise.
 proto::Expected<std::optional<std::uint64_t>> header_number(const http::Request&, const char* name);
 /// Returns the request's Idempotency-Key; "" when it has none. Errors: `bad_request`.

@@ -38,6 +38,10 @@ Expected<bool> query_nearest(const http::Request& request) {
 }
 
 Expected<view::Request> read_request(const http::Request& request) {
+  if (auto ok =
+          only_query(request, {"layer", "camera", "size", "exposure", "ortho", "shaded", "filter"});
+      !ok)
+    return Unexpected(ok.error());
   view::Request out;
   if (const auto* layer = request.head.query_value("layer")) out.layer = *layer;
   if (const auto* camera = request.head.query_value("camera")) out.camera = *camera;

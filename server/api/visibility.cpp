@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "baker/visibility/pairs.h"
+#include "server/api/request.h"
 #include "server/api/upload.h"
 #include "server/base/clock.h"
 #include "server/http/problem.h"
@@ -37,6 +38,7 @@ bool is_digest(std::string_view text) {
 /// Returns the scene that the query names, if it is one of the client's.
 Expected<data::StoredScene> find_scene(const Scenes& part, const http::Request& request) {
   constexpr std::string_view kPrefix = "sha256:";
+  if (auto ok = only_query(request, {"scene"}); !ok) return Unexpected(ok.error());
   const std::string* id = request.head.query_value("scene");
   if (!id || !id->starts_with(kPrefix) || !is_digest(std::string_view(*id).substr(kPrefix.size())))
     return wrong_scene("bad_request",

@@ -123,6 +123,7 @@ TEST_F(ViewRoute, WrongQueriesAreNamed) {
            {"?exposure=1e30", "/query/exposure"},
            {"?ortho=yes", "/query/ortho"},
            {"?filter=cubic", "/query/filter"},
+           {"?lyer=normal", "/query/lyer"},
            {"?layer=normal&shaded=true", "/query/shaded"}}) {
     const Answer answer = get(query);
     EXPECT_EQ(answer.status, 400) << query << answer.body;

@@ -113,6 +113,7 @@ TEST_F(VisibilityRoute, WrongRequestsAreNamed) {
         "?scene=sha256:" + std::string(64, 'G')})
     expect_wrong(post(query), 400, "bad_request", "/query/scene");
   expect_wrong(post("?scene=sha256:" + kNobody), 404, "not_found", "/query/scene");
+  expect_wrong(post("?scene=" + scene + "&pairs=2"), 400, "bad_request", "/query/pairs");
   const std::string query = "?scene=" + scene;
   expect_wrong(post(query, "{}", {"Content-Type: application/json"}), 415,
                "unsupported_media_type");

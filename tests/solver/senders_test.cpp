@@ -278,6 +278,19 @@ TEST(Senders, OfSingleTexelsAreTheTexels) {
   }
 }
 
+// A window of one texel would leave out nothing.
+TEST(Windows, HaveTwoTexelsOrMoreWhereNoneIsNamed) {
+  proto::SolverSettings s = plain_settings();
+  s.window.reset();
+  EXPECT_EQ(window_texels(s, 64), 1u);
+  EXPECT_EQ(window_texels(s, 512), 4u);
+  s.undersampling = Undersampling::kMipmap;
+  EXPECT_EQ(window_texels(s, 64), 2u);
+  EXPECT_EQ(window_texels(s, 512), 4u);
+  s.window = 1;
+  EXPECT_EQ(window_texels(s, 64), 1u) << "it is as the settings say";
+}
+
 // The reported rays are those of the pairs of a receiver and a sender that face each other.
 TEST(Senders, RaysAreThoseOfFacingPairs) {
   const auto scene = crowded(48);

@@ -117,8 +117,12 @@ class PairwiseSolver final : public Solver {
       lost += area * double(light.clamped[t]);
       left += area * double(luminance(light.irradiance(t)));
     }
-    return "The clamps of solver.max_contribution and solver.max_view_factor took " +
-           percent(lost + left > 0 ? lost / (lost + left) : 0) +
+    const proto::SolverSettings& set = world_.settings;
+    const std::string names = !set.max_view_factor ? "clamp of solver.max_contribution"
+                              : !set.max_contribution
+                                  ? "clamp of solver.max_view_factor"
+                                  : "clamps of solver.max_contribution and solver.max_view_factor";
+    return "The " + names + " took " + percent(lost + left > 0 ? lost / (lost + left) : 0) +
            " of the light in the last bounce, apart from what earlier bounces lacked.";
   }
 
@@ -204,7 +208,8 @@ std::uint32_t batch_texels(const Parts& parts) {
 }
 
 std::uint32_t window_texels(const proto::SolverSettings& settings, std::uint32_t page_size) {
-  return settings.window.value_or(std::max(1u, page_size / 128));
+  const std::uint32_t least = settings.undersampling != proto::Undersampling::kNone ? 2 : 1;
+  return settings.window.value_or(std::max(least, page_size / 128));
 }
 
 proto::VisibilityKind visibility_kind(const proto::SolverSettings& s, std::uint32_t texels) {
