@@ -27,7 +27,7 @@ class PatchedBake : public testing::TestWithParam<QueueCase> {
 
   BakeInput input(const Method& method) const {
     const QueueCase& c = GetParam();
-    BakeInput in = input_for(folder_, c.scene, method.check ? kPairsPageSize : c.page_size);
+    BakeInput in = input_for(folder_, c.scene, method.cost ? kPairsPageSize : c.page_size);
     in.checkpoint_dir.clear();
     in.settings.solver.method = method.id;
     in.settings.solver.coarse_indirect = c.coarse;

@@ -103,7 +103,7 @@ TEST_F(Resume, AfterAnyPassNoPassIsMadeAgainAndNoBitDiffers) {
     if (!method.adaptive) input_.settings.solver.samples = 64;
     // Time goes with the fourth power of the size where a method takes all pairs of texels, and
     // links are no faster on small pages.
-    const bool is_slow = method.check != nullptr || method.id == proto::Method::kLinks;
+    const bool is_slow = method.cost != nullptr || method.id == proto::Method::kLinks;
     input_.settings.atlas.page_size = is_slow ? 32 : 64;
     forget();
     const std::size_t passes = run().passes.size();
