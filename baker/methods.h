@@ -23,7 +23,7 @@ struct MethodMemory {
 /// A bake that its method can't finish.
 struct TooExpensive {
   std::string cost;    ///< a sentence with rays, memory and time
-  std::string advice;  ///< what makes it less, to follow after "or"; empty: nothing but a method
+  std::string advice;  ///< what makes it less, to follow after "or"
 };
 
 /// A light-transport method. A new one is a row of methods(), and a row of proto::kMethodNames.

@@ -78,7 +78,7 @@ struct Statistics {
 /// Something in the input that the bake ignored or changed.
 struct Warning {
   std::string code;     ///< stable: "alpha_ignored", "extension_ignored", ...
-  std::string pointer;  ///< points into the glTF; "" when there is no place
+  std::string pointer;  ///< points into the glTF or the settings; "" when there is no place
   std::string message;
 };
 

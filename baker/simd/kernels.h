@@ -133,7 +133,7 @@ struct ExchangeRule {
       window;  ///< patches of one chart nearer than this in x and y exchange nothing, texels
 };
 
-/// What sixteen pairs of patches exchange if nothing stands between.
+/// Holds what sixteen pairs of patches exchange if nothing stands between them.
 struct alignas(64) Exchange {
   float forth[16];  ///< F of the first patch to the other: the share of its light from there
   float back[16];   ///< F of the other to the first

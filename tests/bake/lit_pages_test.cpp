@@ -10,7 +10,7 @@
 namespace kiln::baker {
 namespace {
 
-/// What a page inside lit.glb is beside the EXR.
+/// Tells how far a page inside lit.glb is from its EXR.
 struct Difference {
   double rms = 0;             ///< over the lit texels that are no lamps, over their mean
   std::uint64_t clipped = 0;  ///< of those texels, the ones above the scale

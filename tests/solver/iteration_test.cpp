@@ -92,7 +92,8 @@ TEST(Iteration, ShootingSendsTheBrightestFirst) {
   EXPECT_GT(first / all, 0.35) << "a quarter of a sweep sends far more than its share";
 }
 
-// What is remembered by itself, too: each unordered pair is traced once [RTRad 4.7.4].
+// Pairs are remembered without being asked for, too: each unordered pair is traced once
+// [RTRad 4.7.4].
 TEST(Remembered, VisibilityGivesTheSameBits) {
   const auto box = cornell(32);
   const std::uint64_t pairs = std::uint64_t(box->texels().size()) * box->texels().size();

@@ -55,8 +55,10 @@ class ViewFactors {
 
   /// Calls `use(s, F)` for the senders that give light to texel i, in their order; `s` is the place
   /// in the list. Pairs of points that turn away from each other are skipped before they are
-  /// traced, and so are those within a window. @param seen what is known already; may be null, and
-  /// needs senders that are texels, with one sample a pair. The factors are the same without it.
+  /// traced, and so are those within a window.
+  /// @param senders gathered, see Senders::gather()
+  /// @param seen what is known already; may be null, and needs senders that are texels, with one
+  ///        sample a pair. The factors are the same without it.
   /// @return rays traced
   template <class Use>
   std::uint64_t row(std::uint32_t i, const Senders& senders, const SeenPairs* seen,
